@@ -94,12 +94,12 @@ def test_contexts_are_part_of_the_identity_and_caches_are_not(tmp_path):
 
 WRONG = [
     ("maps: ../../mpas", "additional_contexts.maps: no directory FOLDER/mpas; try creating it, or "),
-    ("maps: 'service:toolng'", "'service:toolng' is no service with an image; try 'tooling'"),
-    ("maps: https://example.org/maps.git", "rorg builds from 'https://example.org/maps.git' on no engine; try ./dir"),
+    ("maps: 'service:toolng'", "'service:toolng' is not a service with an image; try 'tooling'"),
+    ("maps: https://example.org/maps.git", "cannot build from 'https://example.org/maps.git' on any engine; try ./dir"),
     ("maps: 'docker-image://Not/Good'", "'Not/Good' is not an image reference"),
     ("maps: nav", "images stand on each other: nav -> nav"),
     ("other: ../../maps", "warning: Dockerfile uses no 'other', so this changes nothing; try COPY --from=other in it"),
-    ("stage: ../../maps", "Dockerfile has a stage of that name; try another name for one of both"),
+    ("stage: ../../maps", "Dockerfile has a stage of that name; try another name for one of the two"),
 ]
 
 

@@ -223,7 +223,7 @@ def test_a_request_over_the_budget_is_refused_where_the_policy_says_so(shell):
     )
     shell.run()
     shell("request", "aa")
-    assert "1.2 cores would be used of a budget of 1" in shell("request", "bb", code=5).stderr
+    assert "1.2 cores would exceed the budget of 1" in shell("request", "bb", code=5).stderr
     shell("request", "aa", "--id", "again")
 
 

@@ -82,7 +82,7 @@ def test_what_may_be_secret_is_masked(field, value, shown):
         ("privileged", False, True, "privileged: false -> true"),
         ("command", ["sh", "-c", "a b"], ["sh", "-c", "a c"], "command: sh -c 'a b' -> sh -c 'a c'"),
         ("volumes", ["/a:/a", "/b:/b"], ["/b:/b", "/c:/c"], "volumes: + /c:/c, - /a:/a"),
-        ("dns", ["1.1.1.1", "8.8.8.8"], ["8.8.8.8", "1.1.1.1"], "dns: another order"),
+        ("dns", ["1.1.1.1", "8.8.8.8"], ["8.8.8.8", "1.1.1.1"], "dns: order changed"),
         ("environment.MAP", "***", "***", "environment.MAP changed"),
         ("environment.MAP", None, "***", "environment.MAP added"),
         ("environment.MAP", "***", None, "environment.MAP removed"),

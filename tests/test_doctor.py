@@ -30,7 +30,7 @@ WRONG = [
     ({"live_restore": False}, "live-restore", WARNING, "daemon.json"),
     ({"pressure": False}, "pressure", WARNING, "psi=1"),
     ({"state_error": "you may not write to /var/lib"}, "state-directory", ERROR, "RORG_STATE_DIR"),
-    ({"journal_error": "file is not a database"}, "journal", ERROR, "starting rorg again"),
+    ({"journal_error": "file is not a database"}, "journal", ERROR, "systemctl restart rorg"),
     ({"answers": False}, "rorg", ERROR, "journalctl -u rorg"),
     ({"answers": False, "running": 0}, "rorg", WARNING, "rorg run"),
     ({"socket_error": "you are not in the group rorg"}, "rorg", ERROR, "group"),

@@ -259,7 +259,7 @@ def test_a_service_leaves_out_what_its_profile_gives(tmp_path):
     with pytest.raises(Invalid) as wrong:
         load_or_raise(tree)
     assert "no profile of it gives 'ROS_HOSTNAM'" in str(wrong.value)
-    assert "'ROS_IP' is given and unset at once" in str(wrong.value)
+    assert "'ROS_IP' is both set and unset" in str(wrong.value)
 
 
 @pytest.mark.parametrize(

@@ -59,7 +59,7 @@ def test_a_requester_does_not_give_way_to_what_it_asks_for(robot):
     robot.wait(lambda: robot.active() == {"mission"})
     later(robot, 10)
     assert robot.active() == {"mission"}
-    assert "taken by mission, on whose behalf it is asked for" in robot.waits("track")
+    assert "taken by mission, for which it was requested" in robot.waits("track")
     assert sum("start mission" in line for line in robot.log()) == 1
 
 

@@ -166,7 +166,7 @@ def test_what_is_active_keeps_its_image_until_it_is_ceased_where_the_policy_says
     robot.settle()
     before = ids(robot)
     (robot.tree.parent / "software/camera/version.txt").write_text("later\n")
-    robot.wait(lambda: "comes into use when it is next ceased" in robot.waits("camera"), 120)
+    robot.wait(lambda: "takes effect when the service next idles" in robot.waits("camera"), 120)
     assert ids(robot) == before
     assert says(robot, "camera", "camera") == "1"
     robot.change(lambda document: replace(document, restarts={"camera": stamp(time.time())}))

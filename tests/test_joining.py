@@ -154,7 +154,7 @@ WRONG = [
     ),
     (
         "network_mode: 'service:base', hostname: it",
-        "6:55: error: hostname is not for a container that uses the network of another one; try declaring it there",
+        "6:55: error: hostname is not for a container that uses another container's network; try declaring it there",
     ),
 ]
 

@@ -13,7 +13,7 @@ from subprocess import run
 import pytest
 from conftest import ROOT as TOP
 
-from rorg.model.live import LIVE
+from rorg.model.options import LIVE
 
 sys.path.insert(0, str(TOP / "docs/explanation"))
 from import_graph import Import, files, module_of, read_imports, room_of

@@ -22,7 +22,6 @@ from rorg.core.digest import canonical, declared_fields, digest
 from rorg.core.found_objects import FoundObjects
 from rorg.core.inputs import Inputs
 from rorg.core.memory import Attempt, InFlight, Memory, ProbeResult, Progress
-from rorg.core.missing import Missing
 from rorg.core.objects import found_object, object_labels
 from rorg.core.observed import Container, Observed
 from rorg.core.operations import Create, Operation, Pause, Resume, Start, Stop
@@ -31,14 +30,15 @@ from rorg.core.plan import Action
 from rorg.core.pressure import Pressure, Shed
 from rorg.core.propagation import CountedOn
 from rorg.core.ros_graph import RosGraph
+from rorg.core.situation import MissingImage
 from rorg.core.update import Update
 from rorg.manifest.load import load_or_raise
 from rorg.manifest.yaml_source import read_yaml
 from rorg.model.catalog import Hold, Request
 from rorg.model.devices import Plugged
-from rorg.model.live import LIVE
 from rorg.model.load import Load
 from rorg.model.objects import EngineObject
+from rorg.model.options import LIVE
 from rorg.model.units import parse_time
 
 CASES = sorted((Path(__file__).parent / "cases/planner").glob("*.yaml"))
@@ -264,7 +264,7 @@ def test_plan(path, tmp_path):
             load=quiet,
             purge=case.get("purge", False),
             ros=graphs_of(case),
-            images={r: Missing(**m) for r, m in case.get("images", {}).items()},
+            images={r: MissingImage(**m) for r, m in case.get("images", {}).items()},
             devices={d: plugged(known[d.identity]) for d in desired.devices if d.identity in known},
         )
     )

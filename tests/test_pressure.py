@@ -57,6 +57,18 @@ def test_the_lowest_priority_gives_way_and_comes_back(robot):
     )
 
 
+@pytest.mark.parametrize(("extra", "shed"), [((1.6, 0), "thinks"), ((0.0, 3 * GIB), "remembers")])
+def test_among_equals_the_largest_user_of_what_is_short_is_shed(robot, extra, shed):
+    """Either one would help: `thinks` frees enough memory, and `remembers` enough CPU. The larger user frees more."""
+    services = {"thinks": service(0.6, "256Mi", 20), "remembers": service(0.1, "1Gi", 20)}
+    robot.declare(services, policies=POLICY)
+    robot.request(*services)
+    robot.wait(lambda: robot.active() == {*services})
+    robot.sim.extra = extra
+    robot.wait(lambda: robot.sim.memory.pressure.shed)
+    assert [s.service for s in robot.sim.memory.pressure.shed] == [shed]
+
+
 def test_shares_are_lowered_first_and_put_back(robot):
     robot.declare(
         {

@@ -12,7 +12,7 @@ from robots import RealRobot, VirtualRobot
 from test_pressure import BURN, GIB, POLICY, service
 from test_shedding import shed
 
-OTHERS = "by programs that rorg does not run"
+OTHERS = "by programs outside rorg"
 
 
 @pytest.fixture

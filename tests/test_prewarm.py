@@ -152,7 +152,7 @@ def test_how_long_it_takes_is_measured(robot):
     robot.wait(lambda: robot.sim.memory.of("wheels").ready)
     robot.release("try")
     robot.wait(lambda: "wheels" not in robot.active())
-    took = robot.sim.memory.foresight.learned.took["wheels"]
+    took = robot.sim.memory.prediction.learned.took["wheels"]
     assert took["start"] == pytest.approx(8.1, abs=0.1)
 
 

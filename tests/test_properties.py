@@ -299,7 +299,7 @@ def planned(folder: Path, count: int) -> int:
     robot, costs = SimRobot(load_or_raise(write_tree(folder, specs))), []
 
     def up(robot: SimRobot) -> bool:
-        costs.append(len(robot.decision.looked_at))
+        costs.append(len(robot.decision.replanned))
         baked = all(p.update.baked for p in robot.memory.progress.values())
         return len(robot.active()) == count and baked and robot.decision.plan.empty
 

@@ -9,8 +9,8 @@ import pytest
 from robots import RealRobot, VirtualRobot, write_tree
 from test_ros import healthy, master, services
 
-from rorg.core.between import between
 from rorg.core.desired import desire
+from rorg.core.manifest_diff import manifest_changes
 from rorg.core.masking import Masker
 from rorg.history.journal import Filter
 from rorg.manifest.effective import effective
@@ -145,6 +145,6 @@ def test_values_may_be_secret(tmp_path):
     assert masker.text("s3cr3t-word, hunter2000, english") == "***, ***, english"
     parameters["/speech/language"] = "german"
     after = load_or_raise(write_tree(tmp_path, {"speech": {"ros": {"parameters": parameters}}}))
-    (changed,) = between(desire(before), desire(after))
+    (changed,) = manifest_changes(desire(before), desire(after))
     assert [str(c) for c in changed.changes] == ["ros.parameters./speech/language changed"]
     assert desire(before).digests == desire(after).digests, "no container changes for it"

@@ -148,7 +148,7 @@ def test_of_a_set_all_go_back_where_one_fails_and_all_are_tried_with_its_mend(vi
     virtual.wait(lambda: len(virtual.containers()) == 4)
     found = ids(virtual)
     assert {n for n in before if found[n] != before[n]} == {"cam"}
-    assert "it goes together with map, whose change failed" in virtual.waits("nav")
+    assert "it changes together with map, whose change failed" in virtual.waits("nav")
     calls = len(virtual.sim.engine.calls)
     virtual.sim.reborn(restore(json.loads(json.dumps(snapshot(virtual.sim.decision, {})))))
     later(virtual, 30)
@@ -200,7 +200,7 @@ def test_of_a_set_nobody_changes_over_where_one_cannot_be_made(virtual):
     before = ids(virtual)
     virtual.sim.faults.fail["create", "map"] = ["no such device"] * 3
     virtual.declare({n: changed(1, **TOGETHER) for n in ("nav", "map")})
-    virtual.wait(lambda: "map, which goes together with it" in virtual.waits("nav"))
+    virtual.wait(lambda: "map, which changes together with it" in virtual.waits("nav"))
     assert ids(virtual) == before
     virtual.settle()
     assert not {*ids(virtual).values()} & {*before.values()}
@@ -312,7 +312,7 @@ def test_a_set_goes_back_and_is_tried_again_by_a_persons_word(robot):
     robot.wait(lambda: failed(robot, "map") and failed(robot, "nav"))
     robot.wait(lambda: {c.service: c.id for c in robot.containers()} == before and robot.active() == {"nav", "map"})
     assert "exit code 3" in failed(robot, "map")
-    assert "it goes together with map" in failed(robot, "nav")
+    assert "it changes together with map" in failed(robot, "nav")
     where = {"RORG_SOCKET": robot.socket()}
     assert "no change of it failed" in rorg("retry", "nav", "developer", code=5, **where).stderr
     told = rorg("apply", str(robot.tree), "--yes", "--wait", code=4, RORG_STATE_DIR=str(robot.state.path)).stderr

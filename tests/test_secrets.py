@@ -184,7 +184,7 @@ def test_what_is_secret_is_said_by_names_and_files(tmp_path):
 def test_a_name_that_hides_nothing_is_an_error_and_a_short_value_is_told(tmp_path):
     write_tree(tmp_path, {"aa": {"secrets": ["KYE"], "container": {"environment": {"KEY": "x"}}}})
     (error,) = load(tmp_path).diagnostics
-    assert "'KYE' is no variable of 'aa'" in str(error)
+    assert "'KYE' is neither a variable of 'aa'" in str(error)
     assert "KEY" in error.remedy
     write_tree(tmp_path, {"aa": {"secrets": ["KEY"], "container": {"environment": {"KEY": "x"}}}})
     (warning,) = load(tmp_path).diagnostics

@@ -140,7 +140,7 @@ def test_a_request_that_does_not_fit_is_queued_and_served_when_there_is_room(rob
     robot.request("aa", id="first")
     active(robot, "aa")
     robot.request("bb", id="second")
-    robot.wait(lambda: "1.2 cores would be used of a budget of 1" in robot.waits("bb"))
+    robot.wait(lambda: "1.2 cores would exceed the budget of 1" in robot.waits("bb"))
     assert robot.active() == {"aa"}
     robot.release("first")
     active(robot, "bb")

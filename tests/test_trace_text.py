@@ -7,8 +7,7 @@ from conftest import ROOT
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rorg.manifest.trace_text import trace_text
-from rorg.manifest.traces import read_trace
+from rorg.manifest.traces import read_trace, trace_text
 from rorg.model.trace import Trace, TraceEvent
 from rorg.model.units import LONGEST, NAME
 

@@ -10,7 +10,7 @@ import commands
 import pytest
 from robots import write_tree
 
-from rorg.manifest.trace_text import trace_text
+from rorg.manifest.traces import trace_text
 from rorg.model.trace import Trace, TraceEvent
 
 SERVICES = {

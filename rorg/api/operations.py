@@ -17,8 +17,8 @@ from rorg.api.permissions import Caller, allow_request, allow_restart
 from rorg.api.readiness import Question, Readiness, readiness
 from rorg.core.decide import Decision
 from rorg.core.desired import Desired
+from rorg.core.preview import preview
 from rorg.core.status import Status, statuses
-from rorg.core.supposed import suppose
 from rorg.daemon.loop import Loop
 from rorg.daemon.snapshot import about_tree, request_json, snapshot
 from rorg.engines.observe import REMEDY
@@ -120,7 +120,7 @@ class Operations:
         """What would be decided if this were declared."""
         decision, inputs = self.decision, self.loop.inputs
         assert inputs is not None, "there is one with each decision"
-        return suppose(inputs, decision.memory, desired)
+        return preview(inputs, decision.memory, desired)
 
     def requests(self) -> list[dict[str, Any]]:
         """All requests, with the seconds that are left of their leases."""

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Iterator
 from typing import Any
 
 from rorg.api.current import Current, missing
+from rorg.core.desired import used_objects
 from rorg.core.status import Status
-from rorg.core.uses import used_objects
 from rorg.daemon.snapshot import request_json
 from rorg.model.catalog import Catalog, Request
 from rorg.model.graph import made_from, stands_on

@@ -93,7 +93,7 @@ def _between(context: Context, rev: str, service: str, unified: bool, output: st
     """What changed between two states from the history: A..B, where nothing stands for HEAD as with git."""
     from rorg.cli.differences import past_of, tree_of
     from rorg.cli.output import print_rows
-    from rorg.core.between import between
+    from rorg.core.manifest_diff import manifest_changes
     from rorg.errors import Exit, Invalid
 
     if unified or output == "wide":
@@ -103,7 +103,9 @@ def _between(context: Context, rev: str, service: str, unified: bool, output: st
     before, _, after = rev.partition("..")
     tree = tree_of(context)
     old, new = (past_of(context, tree, name or "HEAD") for name in (before, after))
-    found = [c for c in between(old.desired, new.desired) if not service or (c.kind, c.name) == ("Service", service)]
+    found = [
+        c for c in manifest_changes(old.desired, new.desired) if not service or (c.kind, c.name) == ("Service", service)
+    ]
     rows = [{**c.as_json(), "change": c.verb, "fields": "; ".join(map(str, c.changes))} for c in found]
     full = {"from": old.commit, "to": new.commit, "changes": [c.as_json() for c in found]}
     columns = ("name", "kind", "change", "fields")

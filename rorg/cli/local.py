@@ -12,8 +12,8 @@ from rorg.core.desired import Desired, desire
 from rorg.core.inputs import Inputs
 from rorg.core.memory import Memory
 from rorg.core.observed import Observed
+from rorg.core.preview import unlocked
 from rorg.core.schedule import Target
-from rorg.core.supposed import unlocked
 from rorg.daemon.saved_memory import remembered
 from rorg.daemon.snapshot import down_of, restore, snapshot
 from rorg.engines.protocol import Engine, Objects

@@ -132,7 +132,7 @@ def _recorded(since: str, until: str, name: str, state_dir: Path | None) -> Trac
 
 def _write(trace: Trace, file: Path | None) -> None:
     from rorg.errors import Invalid
-    from rorg.manifest.trace_text import trace_text
+    from rorg.manifest.traces import trace_text
 
     text = trace_text(trace)
     if file is None:

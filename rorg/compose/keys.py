@@ -6,6 +6,7 @@ post_start, pre_stop, use_api_socket, pull_refresh_after).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from posixpath import normpath
 from typing import Any
 
@@ -14,6 +15,7 @@ from rorg.compose.form import ANY, Context, Form
 from rorg.compose.forms import Changed, Contexts, Either, ListOf, MapOf, Pairs, Section, Words, is_remote
 from rorg.compose.nodes import Node
 from rorg.compose.scalars import BOOL, DURATION, FLOAT, INT, LOOSE, NUMBER_OR_TEXT, SIZE, TEXT, PathOf, Scalar, one_of
+from rorg.model.options import OPTIONS as CONTAINER_OPTIONS
 
 TEXTS = ListOf(TEXT)
 UNIQUE = ListOf(TEXT, key=lambda text: text)
@@ -197,29 +199,28 @@ BLKIO = Section(
     },
     extensible=False,
 )
+_FORMS: Mapping[str, Form] = {
+    "bool": BOOL,
+    "duration": DURATION,
+    "float": FLOAT,
+    "int": INT,
+    "list": UNIQUE,
+    "one or many": ONE_OR_MANY,
+    "pairs": Pairs(),
+    "size": SIZE,
+    "text": TEXT,
+    "words": Words(),
+}
+"""Forms by their names in the table of options."""
 SERVICE = Section(
     {
-        **_keys(
-            TEXT,
-            "cgroup_parent container_name cpuset domainname hostname image ipc isolation mac_address network_mode pid "
-            "platform pull_refresh_after restart runtime stop_signal user userns_mode uts working_dir",
-        ),
-        **_keys(
-            INT,
-            "cpu_count cpu_period cpu_quota cpu_rt_period cpu_rt_runtime cpu_shares mem_swappiness oom_score_adj "
-            "pids_limit scale",
-        ),
-        **_keys(FLOAT, "cpu_percent cpus"),
-        **_keys(SIZE, "mem_limit mem_reservation memswap_limit shm_size"),
-        **_keys(BOOL, "attach init oom_kill_disable privileged read_only stdin_open tty use_api_socket"),
-        **_keys(
-            UNIQUE,
-            "cap_add cap_drop device_cgroup_rules dns_opt external_links links profiles security_opt volumes_from",
-        ),
-        **_keys(ONE_OR_MANY, "dns dns_search tmpfs"),
-        **_keys(Pairs(), "annotations labels sysctls"),
+        **{name: _FORMS[option.compose] for name, option in CONTAINER_OPTIONS.items() if option.compose in _FORMS},
+        **_keys(INT, "cpu_count scale"),
+        **_keys(BOOL, "attach use_api_socket"),
+        **_keys(UNIQUE, "external_links profiles"),
+        "cpu_percent": FLOAT,
+        "pull_refresh_after": TEXT,
         **_keys(ListOf(NUMBER_OR_TEXT, key=str), "expose group_add"),
-        **_keys(Words(), "command entrypoint"),
         **_keys(SECRETS, "configs secrets"),
         **_keys(ListOf(HOOK), "post_start pre_stop"),
         "blkio_config": BLKIO,
@@ -249,7 +250,6 @@ SERVICE = Section(
         ),
         "provider": Section({"type": TEXT, "options": ANY}, required=("type",)),
         "pull_policy": Scalar("text", (str,), lambda text: "missing" if text == "if_not_present" else text),
-        "stop_grace_period": DURATION,
         "storage_opt": OPTIONS,
         "ulimits": ULIMITS,
         "volumes": ListOf(MOUNT, key=lambda volume: volume.get("target")),

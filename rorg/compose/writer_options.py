@@ -12,6 +12,7 @@ from typing import Any
 
 from rorg.compose.writer_text import Note
 from rorg.model.catalog import RUN
+from rorg.model.options import OF_COMPOSE
 from rorg.model.units import format_duration
 from rorg.model.volumes import is_path
 
@@ -191,19 +192,7 @@ def _ulimits(writing: Writing, option: str, value: Mapping[str, Mapping[str, int
 
 
 OPTIONS: Mapping[str, Write] = {
-    **dict.fromkeys(
-        (
-            *("annotations", "blkio_config", "cap_add", "cap_drop", "cgroup", "cgroup_parent", "command"),
-            *("container_name", "cpu_period", "cpu_quota", "cpu_shares", "cpus", "cpuset"),
-            *("device_cgroup_rules", "dns", "dns_opt", "dns_search", "domainname", "entrypoint", "expose"),
-            *("extra_hosts", "group_add", "hostname", "image", "init", "isolation", "labels", "logging"),
-            *("mac_address", "mem_limit", "mem_reservation", "mem_swappiness", "memswap_limit", "oom_kill_disable"),
-            *("oom_score_adj", "pids_limit", "platform", "ports", "privileged", "read_only", "restart", "runtime"),
-            *("shm_size", "stdin_open", "stop_signal", "storage_opt", "sysctls", "tmpfs", "tty", "user"),
-            *("userns_mode", "uts", "working_dir", "cpu_rt_period", "cpu_rt_runtime"),
-        ),
-        _same,
-    ),
+    **dict.fromkeys(OF_COMPOSE, _same),
     "cpuset_mems": _no_word("Compose has no setting for NUMA nodes"),
     "devices": _devices,
     "environment": _environment,

@@ -1,6 +1,8 @@
-"""Who is preempted when not everything that is asked for can be: held services, conflicts, exclusive resources, budget.
+"""Admission: who may be active when not everything that is wanted fits. Held and shed services, conflicts, exclusive
+resources and the budget are settled here; a service that loses is *preempted*.
 
-A pure function of what is asked now, with no memory: the same requests always give the same winners, so nothing flaps.
+Admission depends only on the current requests and keeps no history. The same requests always give the same winners, so
+services do not flap.
 """
 
 from __future__ import annotations
@@ -14,24 +16,24 @@ from rorg.model.graph import closure, conflicting
 from rorg.model.units import format_memory
 
 PROTECTED = 101
-"""Effective priority of a protected service and of all that it needs: above every priority."""
+"""Effective priority of a protected service and of all that it needs: above every priority a manifest can set."""
 
 
 @dataclass(frozen=True, slots=True)
 class Admission:
-    """The wanted set without what is preempted; why that is; and every wanted service's effective priority."""
+    """The wanted set without preempted services, the reasons, and the effective priority of every wanted service."""
 
     wanted: Wanted
     preempted: Mapping[str, str] = field(default_factory=dict)
-    """Services that would be wanted otherwise, each with the reason."""
+    """Services that would be wanted if nothing stood against them -> the reason."""
     priorities: Mapping[str, int] = field(default_factory=dict)
     requests: tuple[Request, ...] = ()
-    """Those that count: all but the queued ones."""
+    """The requests that count: all except queued ones."""
 
 
 @dataclass(frozen=True, slots=True)
 class Admitted:
-    """A admission with what it was found from."""
+    """An admission together with its inputs, kept so that the next pass can reuse it."""
 
     catalog: Catalog
     requests: tuple[Request, ...]
@@ -42,15 +44,18 @@ class Admitted:
 def admission_for(
     last: Admitted | None, catalog: Catalog, requests: tuple[Request, ...], excluded: Mapping[str, str]
 ) -> Admitted:
-    """admit(), unless the last time was the same: with hundreds of requests it takes longer than all the rest."""
+    """Return the last admission if its inputs are the same, otherwise call admit(). With hundreds of requests admit()
+    takes longer than the rest of a pass."""
     if last and last.catalog is catalog and last.excluded == excluded and last.requests == requests:
         return last
     return Admitted(catalog, requests, excluded, admit(catalog, requests, excluded))
 
 
 def admit(catalog: Catalog, requests: Collection[Request], excluded: Mapping[str, str]) -> Admission:
-    """`excluded` are services that must not be active now whoever asks, with the reason (held, or shed). What needs a
-    service that is preempted is preempted too; a meta-service never is."""
+    """Decide who may be active. `excluded` are services that must not be active, with the reason (held or shed).
+
+    What needs a preempted service is preempted too. A meta-service never is: it has no container that could stop.
+    """
     budget = catalog.policy.budget
     admission = _contest(catalog, tuple(requests), excluded)
     if budget is None or budget.over != "queue" or not over_budget(catalog, admission.wanted):
@@ -59,76 +64,80 @@ def admit(catalog: Catalog, requests: Collection[Request], excluded: Mapping[str
 
 
 def _contest(catalog: Catalog, requests: tuple[Request, ...], excluded: Mapping[str, str]) -> Admission:
-    """Without a look at the budget: first whoever loses a contest goes out, one after another, then those come back,
-    the highest effective priority first, for whom there is room after all, since who won against them is out itself."""
-    out: dict[str, str] = {}
+    """Settle all contests without the budget.
+
+    First the losers of each contest go out, one contest after another. Then they come back, highest effective priority
+    first, if there is room for them after all: a winner may have been preempted itself.
+    """
+    preempted: dict[str, str] = {}
     for name, why in excluded.items():
-        _give_way(catalog, out, name, why)
-    held, lost = dict(out), []
+        _give_way(catalog, preempted, name, why)
+    initial, losses = dict(preempted), []
     while True:
-        found = wanted(catalog, requests, out)
-        priority = effective_priorities(catalog, found, requests)
-        contests = _contested(catalog, found, priority)
+        admitted = wanted(catalog, requests, preempted)
+        priority = effective_priorities(catalog, admitted, requests)
+        contests = _contested(catalog, admitted, priority)
         if not contests:
             break
-        without = wanted(catalog, requests, _all_out(catalog, dict(out), contests))
-        undone = next(((c, w) for c in contests for w in c.winners if w not in without), None)
-        if undone:
-            # Who asks for something is not preempted by it: then nobody would ask for it any more.
-            contests = [_turned_round(catalog, requests, out, *undone)]
-        lost += [(-priority[c.loser], c) for c in contests]
-        _all_out(catalog, out, contests)
-    for place in sorted(lost, key=lambda p: (p[0], p[1].loser)):
-        if all(w in found for w in place[1].winners):
-            continue  # who won against it runs
-        others = _all_out(catalog, dict(held), [c for _, c in lost if c is not place[1]])
-        more = wanted(catalog, requests, others)
+        without = wanted(catalog, requests, _all_out(catalog, dict(preempted), contests))
+        self_defeating = next(((c, w) for c in contests for w in c.winners if w not in without), None)
+        if self_defeating:
+            # Nobody is preempted by what it requests itself: its request would vanish, the winner would no longer be
+            # wanted, and the two would alternate for ever.
+            contests = [_turned_round(catalog, requests, preempted, *self_defeating)]
+        losses += [(-priority[c.loser], c) for c in contests]
+        _all_out(catalog, preempted, contests)
+    for loss in sorted(losses, key=lambda p: (p[0], p[1].loser)):
+        if all(w in admitted for w in loss[1].winners):
+            continue  # its winners are still wanted
+        retried = _all_out(catalog, dict(initial), [c for _, c in losses if c is not loss[1]])
+        candidate = wanted(catalog, requests, retried)
         if (
-            place[1].loser in more
-            and set(found) <= set(more)
-            and not _contested(catalog, more, effective_priorities(catalog, more, requests))
+            loss[1].loser in candidate
+            and set(admitted) <= set(candidate)
+            and not _contested(catalog, candidate, effective_priorities(catalog, candidate, requests))
         ):
-            lost.remove(place)
-            found, out = more, others
-    priority = effective_priorities(catalog, found, requests) if lost else priority
-    asked = wanted(catalog, requests) if out else found
-    return Admission(found, {n: why for n, why in out.items() if n in asked}, priority, requests)
+            losses.remove(loss)
+            admitted, preempted = candidate, retried
+    priority = effective_priorities(catalog, admitted, requests) if losses else priority
+    asked = wanted(catalog, requests) if preempted else admitted
+    return Admission(admitted, {n: why for n, why in preempted.items() if n in asked}, priority, requests)
 
 
-def _give_way(catalog: Catalog, out: dict[str, str], name: str, why: str) -> dict[str, str]:
-    """Adds a service and all that needs it to those that are out; returns these."""
+def _give_way(catalog: Catalog, preempted: dict[str, str], name: str, why: str) -> dict[str, str]:
+    """Add a service and everything that needs it to `preempted`, and return it."""
     if name in catalog.services and catalog.services[name].meta:
-        return out
-    out.setdefault(name, why)
+        return preempted
+    preempted.setdefault(name, why)
     pending = [name]
     while pending:
-        need = pending.pop()
-        for other, service in catalog.services.items():
-            if need in service.needs and other not in out and not service.meta:
-                out[other] = f"{name} {why}"
-                pending.append(other)
-    return out
+        lost = pending.pop()
+        for dependant, service in catalog.services.items():
+            if lost in service.needs and dependant not in preempted and not service.meta:
+                preempted[dependant] = f"{name} {why}"
+                pending.append(dependant)
+    return preempted
 
 
-def effective_priorities(catalog: Catalog, found: Wanted, requests: Collection[Request]) -> dict[str, int]:
-    """How much each wanted service matters: its priority, that of a request for it, or that of what requests or needs
-    it, whichever is highest. Protected services are above all."""
-    asked: dict[tuple[str, str, str], int] = {}
+def effective_priorities(catalog: Catalog, wanted_set: Wanted, requests: Collection[Request]) -> dict[str, int]:
+    """Return how much each wanted service matters: the highest of its own priority, that of a request for it, and those
+    of the services that request or need it. So what a navigation task needs is never shed before the task itself."""
+    requested: dict[tuple[str, str, str], int] = {}
     for request in requests:
         for name in (m for s in request.services for m in catalog.members(s)) if request.priority is not None else ():
             key = (request.requester, request.id, name)
-            asked[key] = max(request.priority or 0, asked.get(key, 0))
+            requested[key] = max(request.priority or 0, requested.get(key, 0))
     priority: dict[str, int] = {}
-    for name, causes in found.items():
+    for name, causes in wanted_set.items():
         service = catalog.services[name]
-        own = [0 if service.meta else PROTECTED if service.protected else service.priority]
-        own += [asked[c.by, c.request, name] for c in causes if (c.by, c.request, name) in asked]
-        priority[name] = max(own)
+        candidates = [0 if service.meta else PROTECTED if service.protected else service.priority]
+        candidates += [requested[c.by, c.request, name] for c in causes if (c.by, c.request, name) in requested]
+        priority[name] = max(candidates)
     wants: dict[str, list[str]] = {}
-    for name, causes in found.items():
+    for name, causes in wanted_set.items():
         for cause in causes:
             wants.setdefault(cause.by, []).append(name)
-    # The highest first, so that each is settled when its turn comes.
+    # Highest first: each service then has its final priority when its turn comes.
     for name in sorted(priority, key=lambda n: -priority[n]):
         pending = [name]
         while pending:
@@ -142,7 +151,7 @@ def effective_priorities(catalog: Catalog, found: Wanted, requests: Collection[R
 
 @dataclass(frozen=True, slots=True)
 class Contest:
-    """One service that others keep from being active."""
+    """One service that cannot be active because of others."""
 
     loser: str
     why: str
@@ -156,38 +165,41 @@ def _all_out(catalog: Catalog, out: dict[str, str], contests: Iterable[Contest])
 
 
 def _turned_round(
-    catalog: Catalog, requests: tuple[Request, ...], out: dict[str, str], contest: Contest, winner: str
+    catalog: Catalog, requests: tuple[Request, ...], preempted: dict[str, str], contest: Contest, winner: str
 ) -> Contest:
-    """The contest in favour of its loser, where the winner would not be wanted without that one."""
-    without = wanted(catalog, requests, _all_out(catalog, dict(out), [contest]))
+    """Return the contest decided the other way if the winner is wanted only because of the loser."""
+    without = wanted(catalog, requests, _all_out(catalog, dict(preempted), [contest]))
     if winner in without:
-        return contest  # it takes others' loss as well, which is seen next time
+        return contest  # the winner also depends on other losers; the next round handles those
     holder, loser = catalog.services[contest.loser], catalog.services[winner]
     shared = sorted(set(holder.exclusive) & set(loser.exclusive))
     why = f"waits for {shared[0]}, which is taken by" if shared else "conflicts with"
-    return Contest(winner, f"{why} {holder.name}, on whose behalf it is asked for", (holder.name,))
+    return Contest(winner, f"{why} {holder.name}, for which it was requested", (holder.name,))
 
 
-def _contested(catalog: Catalog, found: Wanted, priority: Mapping[str, int]) -> list[Contest]:
-    """Contests among wanted services that no service loses twice; empty when all of them can be active."""
-    return _conflict(catalog, found, priority) or _overbooked(catalog, found, priority)
+def _contested(catalog: Catalog, active: Wanted, priority: Mapping[str, int]) -> list[Contest]:
+    """Return unsettled contests, each service losing at most once; empty when all of them can be active."""
+    return _conflict(catalog, active, priority) or _overbooked(catalog, active, priority)
 
 
-def _conflict(catalog: Catalog, found: Wanted, priority: Mapping[str, int]) -> list[Contest]:
-    """Conflicts are refused when a request or a manifest arrives; what is left are requests that slept meanwhile, and
-    conflicts declared later. The higher effective priority goes first, then the name."""
-    pairs = conflicting(catalog.services, [n for n in found if not catalog.services[n].meta])
+def _conflict(catalog: Catalog, active: Wanted, priority: Mapping[str, int]) -> list[Contest]:
+    """Settle the first conflict: higher effective priority wins, then the name.
+
+    New conflicts are refused when a request or manifest arrives. The ones seen here come from requests suspended with a
+    paused requester, and from conflicts declared later.
+    """
+    pairs = conflicting(catalog.services, [n for n in active if not catalog.services[n].meta])
     if not pairs:
         return []
     first, second = sorted(pairs[0], key=lambda n: (-priority[n], n))
-    return [Contest(second, f"conflicts with {first}, which goes first", (first,))]
+    return [Contest(second, f"conflicts with {first}, which has priority", (first,))]
 
 
-def _overbooked(catalog: Catalog, found: Wanted, priority: Mapping[str, int]) -> list[Contest]:
-    """The lower holders of the first exclusive resource of which more is wanted than there is."""
+def _overbooked(catalog: Catalog, active: Wanted, priority: Mapping[str, int]) -> list[Contest]:
+    """Return the losers for the first exclusive resource that is requested more often than it exists."""
     users = [
         n
-        for n in sorted(found, key=lambda n: (-priority[n], n))
+        for n in sorted(active, key=lambda n: (-priority[n], n))
         if catalog.services[n].exclusive and not catalog.services[n].meta
     ]
     for resource in sorted({r for n in users for r in catalog.services[n].exclusive}):
@@ -208,44 +220,48 @@ def _overbooked(catalog: Catalog, found: Wanted, priority: Mapping[str, int]) ->
 
 
 def expected(catalog: Catalog, names: Collection[str]) -> tuple[float, int]:
-    """(cores, bytes) that these services declare to use."""
+    """Return (cores, bytes) that these services declare to use."""
     services = [catalog.services[n] for n in names if n in catalog.services]
     return sum(s.cpu for s in services), sum(s.memory for s in services)
 
 
 def over_budget(catalog: Catalog, names: Collection[str]) -> str:
-    """In words, where the expected use of these services is above the budget; empty when it fits."""
+    """Return in words how the expected use exceeds the budget; "" if it fits."""
     budget = catalog.policy.budget
     if budget is None:
         return ""
     cpu, memory = expected(catalog, names)
     if budget.cpu is not None and cpu > budget.cpu + 1e-9:
-        return f"{cpu:g} cores would be used of a budget of {budget.cpu:g}"
+        return f"{cpu:g} cores would exceed the budget of {budget.cpu:g}"
     if budget.memory is not None and memory > budget.memory:
-        return f"{format_memory(memory)} would be used of a budget of {format_memory(budget.memory)}"
+        return f"{format_memory(memory)} would exceed the budget of {format_memory(budget.memory)}"
     return ""
 
 
 def _within_budget(catalog: Catalog, requests: Collection[Request], excluded: Mapping[str, str]) -> Admission:
-    """Requests that fit into the budget, the higher priority first, then the older; why the services of the others
-    wait. Only where the Policy says so: `over: queue`. What is preempted takes no room."""
+    """Admit requests that fit into the budget, higher priority first, then older; queue the others.
+
+    Only used if the Policy says `over: queue`. Preempted services take no room.
+    """
     waiting = sorted(requests, key=lambda r: -_priority(catalog, r))
     rivals = _rivals(catalog) | set(excluded)
-    names = set(_contest(catalog, (), excluded).wanted)
+    admitted_names = set(_contest(catalog, (), excluded).wanted)
     admitted: list[Request] = []
     queued: dict[str, str] = {}
-    while (request := next((r for r in waiting if r.requester in names), None)) is not None:
+    while (request := next((r for r in waiting if r.requester in admitted_names), None)) is not None:
         waiting.remove(request)
         asked = closure(catalog.services, [m for s in request.services for m in catalog.members(s)])
-        # Only where there is somebody to be preempted by must it be found out who does.
-        found = set(_contest(catalog, (*admitted, request), excluded).wanted) if asked & rivals else names | asked
-        why = over_budget(catalog, found)
-        if why and expected(catalog, found - names) != (0.0, 0):
-            queued |= dict.fromkeys(sorted(found - names), f"waits for room: {why}")
+        # Contests cost time: settle them only if this request can take part in one.
+        active = (
+            set(_contest(catalog, (*admitted, request), excluded).wanted) if asked & rivals else admitted_names | asked
+        )
+        why = over_budget(catalog, active)
+        if why and expected(catalog, active - admitted_names) != (0.0, 0):
+            queued |= dict.fromkeys(sorted(active - admitted_names), f"waits for room: {why}")
         else:
             admitted.append(request)
-            names = found
-    # What nobody active asks for takes no room.
+            admitted_names = active
+    # A request whose requester is not active takes no room: it stays admitted and has no effect.
     admission = _contest(catalog, (*admitted, *waiting), excluded)
     return replace(
         admission,
@@ -257,11 +273,12 @@ def _within_budget(catalog: Catalog, requests: Collection[Request], excluded: Ma
 
 
 def _rivals(catalog: Catalog) -> set[str]:
-    """Services that may be preempted by others, or others by them."""
+    """Services that can preempt others or be preempted by them."""
     services = catalog.services.values()
     return {n for s in services if s.conflicts or s.exclusive for n in (s.name, *s.conflicts)}
 
 
 def _priority(catalog: Catalog, request: Request) -> int:
+    """Return the highest priority among a request and the services it names."""
     own = [catalog.services[m].priority for s in request.services for m in catalog.members(s)]
     return max([*own, request.priority or 0], default=0)

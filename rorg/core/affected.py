@@ -1,4 +1,5 @@
-"""Whom a restart, a hold or a release touches beside those that it names: what a person is told before it is done."""
+"""What a restart, hold or release affects besides the services it names. `rorg` shows this to a person and asks for
+confirmation before acting, because a stopped driver may move hardware."""
 
 from __future__ import annotations
 
@@ -13,19 +14,19 @@ from rorg.model.catalog import Catalog, Service
 
 @dataclass(frozen=True, slots=True)
 class Affected:
-    """Who would be stopped. Services that do not run, and are not about to, are in neither."""
+    """Services that would stop. Those that neither run nor are about to are left out."""
 
     drivers: tuple[str, ...] = ()
-    """Of those that were named, the ones that move hardware."""
+    """The named services that move hardware."""
     along: Mapping[str, bool] = field(default_factory=dict)
-    """Others, whether each moves hardware: what counts on the named ones, and drivers that nobody would ask for any
-    more."""
+    """Other affected services -> whether they move hardware: services that depend on the named ones, and drivers that
+    nothing else requests."""
     without: tuple[str, ...] = ()
-    """Those that asked for what would be stopped, and go on without it."""
+    """Services that requested what would stop, and would go on without it."""
 
     @property
     def names(self) -> tuple[str, ...]:
-        """All that a person must agree to; empty where nobody need be asked."""
+        """All services that a person must confirm; empty if no confirmation is needed."""
         return (*self.drivers, *self.along, *self.without)
 
     def __str__(self) -> str:
@@ -41,71 +42,79 @@ def _verb(names: Collection[str], one: str, several: str) -> str:
 
 
 def by_restart(situation: Situation, memory: Memory, names: Collection[str]) -> Affected:
-    """Of a restart of these: what is restarted with them, one after another, and drivers that they alone request: a
-    request ends with the run that sent it."""
+    """Return what a restart of these services affects: services restarted with them, transitively, and drivers that
+    only those request. A request ends with the run that sent it."""
     services = situation.desired.catalog.services
-    restarted = _follow({n: s.restarts_with for n, s in services.items()}, names)
+    restarted = _dependants({n: s.restarts_with for n, s in services.items()}, names)
     requests = () if memory.admitted is None else memory.admitted.requests
     left = tuple(r for r in requests if r.requester not in restarted or r.standing or r.incarnation is None)
     excluded = {} if memory.admitted is None else memory.admitted.excluded
-    return _found(
+    return _affected(
         situation, names, restarted, _drivers(situation, admit(situation.desired.catalog, left, excluded).wanted)
     )
 
 
 def by_hold(situation: Situation, memory: Memory, names: Collection[str]) -> Affected:
-    """Of a hold of these: what needs them, one after another, and drivers that only those request."""
+    """Return what a hold of these services affects: services that need them, transitively, and drivers that only those
+    request."""
     catalog: Catalog = situation.desired.catalog
-    ceased = _follow({n: s.needs for n, s in catalog.services.items()}, names)
+    ceased = _dependants({n: s.needs for n, s in catalog.services.items()}, names)
     requests = () if memory.admitted is None else memory.admitted.requests
     excluded = {} if memory.admitted is None else memory.admitted.excluded
-    found = admit(catalog, requests, {**excluded, **dict.fromkeys(names, "held")})
-    return _found(situation, names, ceased, _drivers(situation, found.wanted))
+    admission = admit(catalog, requests, {**excluded, **dict.fromkeys(names, "held")})
+    return _affected(situation, names, ceased, _drivers(situation, admission.wanted))
 
 
 def by_release(situation: Situation, memory: Memory, key: tuple[str, str]) -> Affected:
-    """Of the release of the request of a (requester, id): drivers that it names and nobody else asks for, and its
-    requester where that is a service that runs and loses something. A driver that only goes along, since what needed it
-    is released, ceases as its manifest says: nobody need be asked. Nobody, where there is no such request."""
+    """Return what releasing the request (requester, id) affects: drivers that it names and no other request asks for,
+    and its requester if that runs and loses a service. Empty if there is no such request.
+
+    A driver that only ceases because what needed it was released is not listed: it ceases as its manifest says, so no
+    confirmation is needed.
+    """
     catalog, admitted = situation.desired.catalog, memory.admitted
     asked = next((r for r in admitted.requests if r.key == key and not r.standing), None) if admitted else None
     if admitted is None or asked is None:
         return Affected()
-    found = admit(catalog, tuple(r for r in admitted.requests if r is not asked), admitted.excluded).wanted
+    still_wanted = admit(catalog, tuple(r for r in admitted.requests if r is not asked), admitted.excluded).wanted
     named = {m for name in asked.services for m in catalog.members(name)}
-    gone = {n for n in _drivers(situation, found) & named if _touched(situation, catalog.services[n])}
+    stopping = {n for n in _drivers(situation, still_wanted) & named if _touched(situation, catalog.services[n])}
     requester = catalog.services.get(asked.requester)
-    loses = requester is not None and _touched(situation, requester) and any(n not in found for n in situation.wanted)
-    return Affected(tuple(sorted(gone)), {}, (asked.requester,) if loses else ())
+    loses = (
+        requester is not None
+        and _touched(situation, requester)
+        and any(n not in still_wanted for n in situation.wanted)
+    )
+    return Affected(tuple(sorted(stopping)), {}, (asked.requester,) if loses else ())
 
 
-def _follow(counts_on: Mapping[str, Collection[str]], names: Collection[str]) -> set[str]:
-    """These, and all that count on one of them."""
-    found, pending = set(names), list(names)
+def _dependants(counts_on: Mapping[str, Collection[str]], names: Collection[str]) -> set[str]:
+    """Return these services and everything that depends on one of them, transitively."""
+    affected, pending = set(names), list(names)
     while pending:
-        one = pending.pop()
-        more = [n for n, others in counts_on.items() if one in others and n not in found]
-        found.update(more)
-        pending += more
-    return found
+        name = pending.pop()
+        dependants = [n for n, needs in counts_on.items() if name in needs and n not in affected]
+        affected.update(dependants)
+        pending += dependants
+    return affected
 
 
 def _drivers(situation: Situation, left: Collection[str]) -> set[str]:
-    """Drivers that are wanted now and would not be any more."""
+    """Return drivers that are wanted now and would not be any more."""
     services = situation.desired.catalog.services
     return {n for n in situation.wanted if n not in left and n in services and services[n].driver}
 
 
-def _found(
+def _affected(
     situation: Situation, names: Collection[str], stopped: Collection[str], unwanted: Collection[str]
 ) -> Affected:
     services = situation.desired.catalog.services
     drivers = tuple(n for n in names if services[n].driver and _touched(situation, services[n]))
-    others = sorted({*stopped, *unwanted} - set(names))
-    return Affected(drivers, {n: services[n].driver for n in others if _touched(situation, services[n])})
+    along = sorted({*stopped, *unwanted} - set(names))
+    return Affected(drivers, {n: services[n].driver for n in along if _touched(situation, services[n])})
 
 
 def _touched(situation: Situation, service: Service) -> bool:
-    """It runs, or is about to."""
-    there = situation.observed.by_service().get(service.name, ())
-    return not service.meta and (service.name in situation.wanted or any(c.active for c in there))
+    """Return whether a service runs or is about to."""
+    containers = situation.observed.by_service().get(service.name, ())
+    return not service.meta and (service.name in situation.wanted or any(c.active for c in containers))

@@ -1,4 +1,5 @@
-"""From what a pass has read to what its plan is made from: who is asked for and admitted, what runs, what is shed."""
+"""The first half of a pass: turn the inputs into a Situation. It settles requests, admission, progress, pressure,
+prewarming and restarts, in this order because each depends on the ones before."""
 
 from __future__ import annotations
 
@@ -7,12 +8,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from rorg.core.admission import Admission, Admitted, admission_for, admit
-from rorg.core.cache import Cache
 from rorg.core.desired import Desired
 from rorg.core.devices import unplugged
 from rorg.core.eviction import Eviction, evict
-from rorg.core.follow import Followed, follow, renew_all
-from rorg.core.inputs import Inputs
+from rorg.core.inputs import Cache, Inputs
 from rorg.core.memory import Memory
 from rorg.core.prewarm import Prewarmed, prewarm
 from rorg.core.requests import Settled, settle, tried_again
@@ -20,21 +19,22 @@ from rorg.core.restarts import note_restarts
 from rorg.core.rollout import retried
 from rorg.core.schedule import interlocks
 from rorg.core.situation import Situation
+from rorg.core.tracking import Tracked, renew_all, track
 from rorg.core.wanted import Wanted, urgent
 from rorg.core.withheld import Withheld
 from rorg.model.catalog import Hold, Request
 from rorg.model.units import format_time, stamp
 
 FRESH = 1.0
-"""Seconds for which the answer of an interlock counts, beyond its interval."""
+"""Seconds for which an interlock's answer stays valid beyond its interval."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Assessed:
-    """What a plan is made from, and what was found on the way to it."""
+    """The situation that the plan is made from, and by-products of finding it."""
 
     situation: Situation
-    followed: Followed | None
+    tracked: Tracked | None
     settled: Settled
     holds: Mapping[str, str]
     served: Mapping[str, str]
@@ -42,7 +42,7 @@ class Assessed:
 
 
 def assess(inputs: Inputs, cache: Cache | None, touched: Collection[str], withheld: Withheld) -> Assessed:
-    """All that the plan depends on; what became of requests; who is held; which restarts are done."""
+    """Assess all inputs of a pass. `touched` are services whose containers changed since the last pass."""
     desired, now = inputs.desired, inputs.now
     settled = settle(desired.catalog, inputs.requests, inputs.observed, inputs.memory.leases, inputs.renewals, now)
     requests = (*desired.catalog.requests, *settled.requests)
@@ -50,8 +50,8 @@ def assess(inputs: Inputs, cache: Cache | None, touched: Collection[str], withhe
     out = _excluded(inputs.memory, holds)
     admitted = admission_for(inputs.memory.admitted, desired.catalog, requests, out)
     admission = admitted.admission
-    memory = _asked_for(inputs, admitted, settled)
-    memory, followed = _followed(memory, admission.wanted, inputs, cache, touched)
+    memory = _with_new_requests(inputs, admitted, settled)
+    memory, tracked = _tracked(memory, admission.wanted, inputs, cache, touched)
     blocked = [n for n, why in locks.items() if why]
     memory, eviction, admission = _evicted(memory, inputs, admission, requests, holds, blocked, bool(suspended))
     memory, warm = _prewarmed(memory, inputs, admission, requests, _excluded(memory, holds), bool(suspended))
@@ -80,20 +80,20 @@ def assess(inputs: Inputs, cache: Cache | None, touched: Collection[str], withhe
         suspended=suspended,
         purge=inputs.purge,
         withheld=withheld,
-        **_found(inputs),
+        **_surroundings(inputs),
     )
-    return Assessed(situation=situation, followed=followed, settled=settled, holds=holds, served=served, warm=warm)
+    return Assessed(situation=situation, tracked=tracked, settled=settled, holds=holds, served=served, warm=warm)
 
 
 def _held(inputs: Inputs) -> tuple[dict[str, str], str]:
-    """Services that a person holds now, and why nothing is done at all; each with the reason."""
+    """Return services held by a person, each with the reason, and why rorg is suspended ("" if it is not)."""
     held = {n: h for n, h in inputs.holds.items() if h.until > inputs.wall and _can_cease(inputs.desired, n)}
     holds, suspension = {n: _until("held", h) for n, h in held.items()}, inputs.suspended
     return holds, _until("suspended", suspension) if suspension and suspension.until > inputs.wall else ""
 
 
-def _asked_for(inputs: Inputs, admitted: Admitted, settled: Settled) -> Memory:
-    """Notes what requests and retries ask for now, without the back-off of what is new among it."""
+def _with_new_requests(inputs: Inputs, admitted: Admitted, settled: Settled) -> Memory:
+    """Return the memory after new requests and retries, which drop the back-off of what they name."""
     memory = tried_again(inputs.memory, inputs.desired.catalog, admitted.requests)
     return retried(replace(memory, leases=settled.leases, admitted=admitted), inputs.retries)
 
@@ -111,17 +111,15 @@ def _evicted(
     locked: Collection[str],
     suspended: bool,
 ) -> tuple[Memory, Eviction, Admission]:
-    """What pressure changes: who is shed has to be admitted anew."""
+    """Apply pressure. If it changes what is shed, admission must be repeated."""
     catalog, shed = inputs.desired.catalog, memory.pressure.shed
     free = admit(catalog, requests, holds) if shed else admission
     memory, eviction = evict(
         memory,
-        inputs.desired,
+        inputs,
         admission,
         free,
         {s.service: _priority_if_back(s.service, memory, inputs, free, requests, holds) for s in shed},
-        inputs.observed,
-        inputs.load,
         _excluded(memory, holds),
         locked,
         suspended or not inputs.observed.complete,
@@ -139,8 +137,9 @@ def _priority_if_back(
     requests: tuple[Request, ...],
     holds: Mapping[str, str],
 ) -> int:
-    """The priority of a service if it were no longer shed, -1 if nobody would want it. Of two that exclude each other,
-    the second is wanted only because the first is shed: with both back, admission would leave it out. It stays shed."""
+    """Return the priority that a shed service would have if it came back, -1 if nothing would want it. Of two services
+    that exclude each other, the second is wanted only because the first is shed: with both back, admission would leave
+    it out, so it stays shed."""
     if name in free.priorities:
         return free.priorities[name]
     out = {n: why for n, why in _excluded(memory, holds).items() if n != name or n in holds}
@@ -155,27 +154,26 @@ def _prewarmed(
     excluded: Collection[str],
     suspended: bool,
 ) -> tuple[Memory, Prewarmed]:
-    """Comes after all that is asked for and all that pressure changes, and changes nothing of that."""
-    desired, observed = inputs.desired, inputs.observed
-    barred = {*excluded, *unplugged(desired, inputs.devices)}
-    off = suspended or memory.pressure.engaged or not observed.complete
-    return prewarm(memory, inputs.learned, desired, admission, requests, observed, barred, inputs.now, off)
+    """Choose what to prewarm: after requests and pressure, so that prewarming never takes anything from them."""
+    barred = {*excluded, *unplugged(inputs.desired, inputs.devices)}
+    off = suspended or memory.pressure.engaged or not inputs.observed.complete
+    return prewarm(memory, inputs, admission, requests, barred, off)
 
 
-def _found(inputs: Inputs) -> dict[str, Any]:
-    """What there is beside containers, for a Situation."""
-    missing = unplugged(inputs.desired, inputs.devices)
-    there = {"images": inputs.images, "devices": inputs.devices, "ros": inputs.ros, "engine": inputs.engine}
-    return {**there, "unplugged": missing}
+def _surroundings(inputs: Inputs) -> dict[str, Any]:
+    """Return the fields of a Situation about the engine, images, devices and ROS graphs."""
+    unplugged_now = unplugged(inputs.desired, inputs.devices)
+    fields = {"images": inputs.images, "devices": inputs.devices, "ros": inputs.ros, "engine": inputs.engine}
+    return {**fields, "unplugged": unplugged_now}
 
 
-def _followed(
+def _tracked(
     memory: Memory, wanted: Wanted, inputs: Inputs, cache: Cache | None, touched: Collection[str]
-) -> tuple[Memory, Followed | None]:
+) -> tuple[Memory, Tracked | None]:
     if not inputs.observed.complete:
         return renew_all(memory, inputs.desired, inputs.now), None
-    return follow(
-        cache.followed if cache else None,
+    return track(
+        cache.tracked if cache else None,
         memory,
         inputs.desired,
         wanted,
@@ -188,9 +186,9 @@ def _followed(
     )
 
 
-def _urgent(desired: Desired, found: Wanted, cache: Cache | None) -> frozenset[str]:
-    before = cache.planned.situation if cache else None
-    return before.urgent if before and before.wanted is found else urgent(desired.catalog, found)
+def _urgent(desired: Desired, wanted_now: Wanted, cache: Cache | None) -> frozenset[str]:
+    last = cache.planned.situation if cache else None
+    return last.urgent if last and last.wanted is wanted_now else urgent(desired.catalog, wanted_now)
 
 
 def _can_cease(desired: Desired, name: str) -> bool:
@@ -203,11 +201,12 @@ def _until(word: str, hold: Hold) -> str:
 
 
 def _interlocks(inputs: Inputs) -> dict[str, str]:
-    """What each interlock said just now: empty where it allows."""
-    found = {}
+    """Return why each interlock refuses; "" if it allows. An answer that is too old counts as a refusal, because the
+    hardware may have moved since."""
+    refusals = {}
     for name, interlock in interlocks(inputs.desired, inputs.observed).items():
-        said = inputs.results.get((name, "interlock"))
-        fresh = said is not None and inputs.now - said.at <= interlock.interval + FRESH
-        answer = said.message if said and fresh else f"{interlock} is being asked"
-        found[name] = "" if said and fresh and said.ok else answer
-    return found
+        result = inputs.results.get((name, "interlock"))
+        fresh = result is not None and inputs.now - result.at <= interlock.interval + FRESH
+        answer = result.message if result and fresh else f"{interlock} is being asked"
+        refusals[name] = "" if result and fresh and result.ok else answer
+    return refusals

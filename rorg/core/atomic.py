@@ -1,7 +1,7 @@
-"""Sets of services that change together: no new container takes its place before those of all are there, none is proven
-before all are, and where the change of one fails, all go back.
+"""Atomic sets: services that change together (`update: {atomic: NAME}`). No new container takes its place before all of
+the set's new containers exist, none is proven before all are, and if one change fails, all go back.
 
-What it comes to is noted with each service of a set, so that the plan of one depends on nothing of the others.
+The verdict is noted with each service of a set, so that the plan of one service does not depend on the plans of others.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ from rorg.model.catalog import Service
 
 @dataclass(frozen=True, slots=True)
 class _Changing:
-    """A service of a set that is not as its manifest says, or is not proven to be. `new` is its new container's id."""
+    """A service of a set that differs from its manifest, or is not yet proven to match it. `new` is the id of its new
+    container, "" if there is none."""
 
     name: str
     wanted: bool
@@ -28,17 +29,17 @@ class _Changing:
 
 
 def sets_of(names: Iterable[str], desired: Desired) -> set[str]:
-    """The sets that these services belong to."""
+    """Return the sets that these services belong to."""
     services = desired.catalog.services
-    return {found for n in names if (found := services[n].update.atomic) in desired.sets}
+    return {set_name for n in names if (set_name := services[n].update.atomic) in desired.sets}
 
 
-def freed(step: Progress, service: Service, desired: Desired) -> Progress:
-    """Of a service that belongs to no set any more."""
-    update = step.update
+def freed(progress: Progress, service: Service, desired: Desired) -> Progress:
+    """Return the progress of a service that no longer belongs to a set."""
+    update = progress.update
     if not (update.drawn or update.held) or service.update.atomic in desired.sets:
-        return step
-    return replace(step, update=replace(update, drawn="", held=""))
+        return progress
+    return replace(progress, update=replace(update, drawn="", held=""))
 
 
 def judged_together(
@@ -48,11 +49,11 @@ def judged_together(
     wanted: Collection[str],
     containers: Mapping[str, Sequence[Container]],
 ) -> dict[str, Progress]:
-    """What is to be remembered otherwise of the services of these sets."""
-    found: dict[str, Progress] = {}
+    """Return the services of these sets whose progress changes, with the new progress."""
+    changed_progress: dict[str, Progress] = {}
     for name in sets:
-        found |= _judged(desired.sets[name], progress, desired, wanted, containers)
-    return found
+        changed_progress |= _judged(desired.sets[name], progress, desired, wanted, containers)
+    return changed_progress
 
 
 def _judged(
@@ -64,35 +65,36 @@ def _judged(
 ) -> dict[str, Progress]:
     changing = {n: c for n in members if (c := _changing(n, progress, desired, wanted, containers.get(n, ())))}
     awaited = [c for c in changing.values() if c.wanted]
-    bad = {n: why for n in members if (why := _own(progress, n))}
+    failures = {n: why for n in members if (why := _own(progress, n))}
     unprepared = next((c.name for c in awaited if not c.new), "")
-    proven = not bad and all(c.new and c.baked for c in awaited)
-    found = {}
+    proven = not failures and all(c.new and c.baked for c in awaited)
+    changed_progress = {}
     for member in members:
-        step, one = progress.get(member, NONE), changing.get(member)
-        update = replace(step.update, drawn="", held="")
-        if one and bad and member not in bad and not _hopeless(one, step):
-            other = next(iter(bad))
-            update = replace(update, drawn=f"it goes together with {other}, whose change failed: {bad[other]}")
-        elif one and one.wanted and unprepared and not bad:
+        own, change = progress.get(member, NONE), changing.get(member)
+        update = replace(own.update, drawn="", held="")
+        if change and failures and member not in failures and not _hopeless(change, own):
+            other = next(iter(failures))
+            update = replace(update, drawn=f"it changes together with {other}, whose change failed: {failures[other]}")
+        elif change and change.wanted and unprepared and not failures:
             update = replace(update, held=unprepared)
-        elif one and one.wanted and proven:
-            update = replace(update, proven=one.new)
-        if update.drawn and not step.update.drawn:
-            step = replace(step, exits=0, attempts={}, error="")  # what it goes back to begins afresh
-        if update != step.update:
-            found[member] = replace(step, update=update)
-    return found
+        elif change and change.wanted and proven:
+            update = replace(update, proven=change.new)
+        if update.drawn and not own.update.drawn:
+            own = replace(own, exits=0, attempts={}, error="")  # the previous container starts without back-off
+        if update != own.update:
+            changed_progress[member] = replace(own, update=update)
+    return changed_progress
 
 
-def _hopeless(one: _Changing, step: Progress) -> bool:
-    """It does not run as it was: there is nothing to go back to, so it goes on alone."""
-    return not one.new and step.exits >= STALLED_AFTER
+def _hopeless(change: _Changing, progress: Progress) -> bool:
+    """Return whether the service does not run as it was either. There is nothing to go back to, so its change is made
+    alone."""
+    return not change.new and progress.exits >= STALLED_AFTER
 
 
 def _own(progress: Mapping[str, Progress], name: str) -> str:
-    update = progress.get(name, NONE).update
-    return update.quarantined.get(update.edition, "")
+    changes = progress.get(name, NONE).update
+    return changes.quarantined.get(changes.edition, "")
 
 
 def _changing(
@@ -102,7 +104,7 @@ def _changing(
     wanted: Collection[str],
     containers: Sequence[Container],
 ) -> _Changing | None:
-    """None for a service that is as it is to be, or has nothing to go back to."""
+    """Return how far the change of a service is; None if it matches its manifest or has nothing to go back to."""
     update = progress.get(name, NONE).update
     pair = candidate(containers, update) if len(containers) > 1 else None
     if pair and fits(pair[0], name, desired):
@@ -110,5 +112,5 @@ def _changing(
     new = next((c for c in containers if fits(c, name, desired)), None)
     if not containers or (new and not containers[0].alive) or new is containers[0]:
         return None
-    # What was changed back while its change was on trial: the container before is there, and not yet in use.
+    # The change was reverted while on trial: the previous container matches again but is not yet in use.
     return _Changing(name, name in wanted, new.id if new else "", False)

@@ -1,13 +1,13 @@
-"""How long to wait before trying again."""
+"""Back-off after failures: how long to wait before the next attempt."""
 
 CAP = 60.0
-"""Seconds; a robot is looked at more often than a cluster, whose cap is five minutes."""
+"""Seconds. Kubernetes waits up to five minutes, but on a robot someone is usually waiting next to it."""
 STABLE = 60.0
-"""A run of so many seconds forgets earlier exits."""
+"""Seconds after which a run counts as stable and earlier exits are forgotten."""
 STALLED_AFTER = 3
-"""The same action, so often in a row with nothing observed to change: the service is Stalled."""
+"""A service is Stalled after this many identical actions in a row without any observed change."""
 
 
 def delay(failures: int) -> float:
-    """Seconds to wait after that many failures in a row: 0 after the first, then 1, 2, 4 and so on up to CAP."""
+    """Return seconds to wait after this many failures in a row: 0 after the first, then 1, 2, 4 and so on up to CAP."""
     return 0.0 if failures <= 1 else min(2.0 ** min(failures - 2, 10), CAP)

@@ -1,5 +1,8 @@
-"""What becomes of a service that nobody wants: as its idle policy says. (Removal is that of reconcile.py: nothing is
-kept then.)"""
+"""What happens to a service that nothing wants, as its idle policy says: pause, stop or remove. The paper's robot
+pauses or stops what is not requested (section III-C).
+
+Removal (`action: remove`) is in reconcile.py, because then no container is kept.
+"""
 
 from __future__ import annotations
 
@@ -13,13 +16,14 @@ from rorg.model.catalog import Service
 from rorg.model.units import format_seconds
 
 PAUSES = 2
-"""Failed attempts to pause after which a service is stopped."""
+"""Failed attempts to pause after which a service is stopped instead: pausing can fail under load ("unable to
+freeze")."""
 Ceasing = tuple[list[Step], float | None]
-"""Steps, and the time at which more is to be done though nobody waits for it."""
+"""Steps, and the time at which the next step is due although nothing waits for it."""
 
 
 def cease(view: View, service: Service, container: Container) -> Ceasing:
-    """What is to be done of its container now."""
+    """Return what to do now with the container of an unwanted service."""
     situation, idle = view.s, service.idle
     why, since = situation.preempted.get(service.name, "not wanted"), situation.memory.of(service.name).ceased_since
     frees = service.name in situation.shed or (container.alive and view.exclusive.contested(service))
@@ -27,7 +31,7 @@ def cease(view: View, service: Service, container: Container) -> Ceasing:
         return [_pause(view, service, container, why)], None
     if container.alive and (idle.action == "stop" or frees):
         return [stop(container, why, service)], None
-    if container.state == "paused" and (why := _not_paused_any_more(view, service)):
+    if container.state == "paused" and (why := _why_stop_paused(view, service)):
         return [stop(container, why, service)], None
     if idle.escalate and since is not None:
         return _escalate(view, service, container, since, *idle.escalate)
@@ -47,17 +51,17 @@ def _pause(view: View, service: Service, container: Container, why: str) -> Step
     return stop(container, f"{why}; stop instead of pause: {use}", service)
 
 
-def _not_paused_any_more(view: View, service: Service) -> str:
-    """Why one that is paused is to be stopped; empty where it sleeps on."""
+def _why_stop_paused(view: View, service: Service) -> str:
+    """Return why a paused service must be stopped; "" if it stays paused."""
     if view.s.stop_paused:
         return "the machine is short of memory"
     use = in_use(view.s, service) if service.idle.connected == "stop" else None
-    # What is not known may be as it was when it was paused.
+    # Unknown connections may be the same as when it was paused: leave it paused.
     return f"stop instead of pause: {use}" if use and use.connections else ""
 
 
 def _escalate(view: View, service: Service, container: Container, since: float, after: float, action: str) -> Ceasing:
-    """The second, harder step for what stays unwanted."""
+    """Take the second, harder step for a service that stays unwanted."""
     if action == "stop" and not container.alive:
         return [], None
     if since + after > view.now:

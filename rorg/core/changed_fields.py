@@ -1,4 +1,4 @@
-"""Which declared fields of a service a container has otherwise, with the values of before and after, for people."""
+"""The declared fields in which a container differs from its manifest, with old and new values, for people to read."""
 
 from __future__ import annotations
 
@@ -15,36 +15,36 @@ from rorg.core.masking import MASK, masked
 from rorg.core.normal import normal, normal_fields
 from rorg.core.observed import Container
 from rorg.model.catalog import Spec
-from rorg.model.live import LIVE
+from rorg.model.options import LIVE
 from rorg.model.units import format_memory
 
 LONG = 60
-"""Characters of a value in one line."""
+"""Characters; longer values are shortened to the part that differs."""
 CONTEXT = 16
-"""Characters that are shown before the first one that differs, where a value is cut."""
+"""Characters shown before the first difference in a shortened value."""
 ORDERED = ("command", "entrypoint")
-"""Lists that are one thing, rather than several."""
+"""Lists that are one value, such as a command line, rather than a set of entries."""
 BYTES = ("mem_limit", "mem_reservation", "memswap_limit", "shm_size")
 
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """Values are as they may be shown; None where there is none."""
+    """One changed field. Values are masked already; None means not set."""
 
     field: str
     old: Any
     new: Any
 
     def __str__(self) -> str:
-        """In one line."""
+        """Return the change as one line."""
         if self.old == self.new:
             return f"{self.field} changed"
         if MASK in (self.old, self.new):
             return f"{self.field} {'added' if self.old is None else 'removed' if self.new is None else 'changed'}"
         if isinstance(self.old or self.new, list) and self.field not in ORDERED:
-            was, now = self.old or [], self.new or []
-            told = [f"+ {_shown(v)}" for v in now if v not in was] + [f"- {_shown(v)}" for v in was if v not in now]
-            return f"{self.field}: {', '.join(told)}" if told else f"{self.field}: another order"
+            old, new = self.old or [], self.new or []
+            entries = [f"+ {_shown(v)}" for v in new if v not in old] + [f"- {_shown(v)}" for v in old if v not in new]
+            return f"{self.field}: {', '.join(entries)}" if entries else f"{self.field}: order changed"
         if self.field in BYTES:
             return f"{self.field}: {_bytes(self.old)} -> {_bytes(self.new)}"
         old, new = _cut_to_difference(_shown(self.old), _shown(self.new))
@@ -57,52 +57,61 @@ class Change:
 def changed_fields(
     container: Container, spec: Spec, difference: Difference, secrets: Collection[str] = ()
 ) -> tuple[Change, ...]:
-    """`difference` is that of these two; `secrets` names variables of the spec."""
+    """Return what differs between a container and its spec. `difference` was computed from the same two; `secrets`
+    names secret variables of the spec."""
     was, now = declared_of(container.declared), _fields(spec, secrets)
-    found = [c for k in difference.recreate for c in field_changes(k, was.get(k), now.get(k))]
-    found += [Change(k, container.live.get(k), v) for k, v in sorted(difference.live.items())]
-    return tuple(found)
+    changes = [c for k in difference.recreate for c in field_changes(k, was.get(k), now.get(k))]
+    changes += [Change(k, container.live.get(k), v) for k, v in sorted(difference.live.items())]
+    return tuple(changes)
 
 
 def changes_between(was: Mapping[str, Any], now: Mapping[str, Any]) -> tuple[Change, ...]:
-    """Of two records of what a container was made from."""
-    then, there = normal_fields(was), normal_fields(now)
-    names = sorted(k for k in {*then, *there} if then.get(k) != there.get(k))
+    """Return the changes between two records of what a container was made from."""
+    old_fields, new_fields = normal_fields(was), normal_fields(now)
+    names = sorted(k for k in {*old_fields, *new_fields} if old_fields.get(k) != new_fields.get(k))
     return tuple(c for k in names for c in field_changes(k, was.get(k), now.get(k)))
 
 
 def unified(name: str, container: Container | None, spec: Spec | None, secrets: Collection[str] = ()) -> str:
-    """What a container was made from and what is declared, as a unified diff with secrets masked; empty where nothing
-    differs. None stands for nothing."""
+    """Return a unified diff from what a container was made from to what is declared, with secrets masked; "" if nothing
+    differs. A container or spec of None stands for an empty side."""
     from difflib import unified_diff
 
-    was, now = {} if container is None else _as_it_is(container), {} if spec is None else dict(_fields(spec, secrets))
-    was = {k: now[k] if k in now and normal(k, v) == normal(k, now[k]) else v for k, v in was.items()}
+    old_fields, new_fields = (
+        {} if container is None else _as_it_is(container),
+        {} if spec is None else dict(_fields(spec, secrets)),
+    )
+    old_fields = {
+        k: new_fields[k] if k in new_fields and normal(k, v) == normal(k, new_fields[k]) else v
+        for k, v in old_fields.items()
+    }
     before = f"{name} ({f'container {container.id[:12]}' if container else 'no container'})"
     after = f"{name} ({'no manifest' if spec is None else 'manifests'})"
-    lines = unified_diff(_lines(was, now, "before"), _lines(now, was, "after"), before, after, lineterm="")
+    lines = unified_diff(
+        _lines(old_fields, new_fields, "before"), _lines(new_fields, old_fields, "after"), before, after, lineterm=""
+    )
     return "".join(f"{line.rstrip()}\n" for line in lines)
 
 
 def _fields(spec: Spec, secrets: Collection[str]) -> Mapping[str, Any]:
-    """As the record of a container made from it has them."""
-    found: Mapping[str, Any] = json.loads(json.dumps(declared_fields(spec, secrets)))
-    return found
+    """Return declared fields as they would be read back from a container's label."""
+    fields: Mapping[str, Any] = json.loads(json.dumps(declared_fields(spec, secrets)))
+    return fields
 
 
 def _as_it_is(container: Container) -> dict[str, Any]:
-    """What it was made from, with what was set on it since."""
+    """Return what the container was made from, updated with live options that were set since."""
     was = dict(declared_of(container.declared))
     live = {k: v for k, v in container.live.items() if k in LIVE and k in was and v is not None}
     return {**was, **live}
 
 
 def field_changes(field: str, old: Any, new: Any) -> list[Change]:
-    """One for each entry of a mapping that differs."""
+    """Return the changes of one field, one per differing key if the values are mappings."""
     if all(isinstance(value, dict | None) for value in (old, new)) and (old or new):
-        was, now = old or {}, new or {}
-        keys = sorted(k for k in {*was, *now} if was.get(k) != now.get(k))
-        return [c for k in keys for c in field_changes(f"{field}.{k}", was.get(k), now.get(k))]
+        before, after = old or {}, new or {}
+        keys = sorted(k for k in {*before, *after} if before.get(k) != after.get(k))
+        return [c for k in keys for c in field_changes(f"{field}.{k}", before.get(k), after.get(k))]
     return [Change(field, masked(field, old), masked(field, new))]
 
 
@@ -119,7 +128,7 @@ def _bytes(value: Any) -> str:
 
 
 def _cut_to_difference(old: str, new: str) -> tuple[str, str]:
-    """Both whole, or, where they are long, the part in which they begin to differ."""
+    """Return both values, shortened around the first difference if they are long."""
     same = sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], zip(old, new, strict=False)))
     begin = 0 if max(len(old), len(new)) <= LONG else max(0, same - CONTEXT)
     return _part(old, begin), _part(new, begin)
@@ -130,13 +139,14 @@ def _part(text: str, begin: int) -> str:
 
 
 def _lines(fields: Mapping[str, Any], other: Mapping[str, Any], word: str) -> list[str]:
-    """As YAML. A value that differs from the `other` one in what is masked is marked with a word."""
-    found = []
+    """Render fields as YAML. If two values differ only in masked parts, a comment with `word` marks the line, because
+    both would look the same."""
+    lines = []
     for name, value in sorted(fields.items()):
         shown = masked(name, value)
         hidden = name in other and value != other[name] and shown == masked(name, other[name])
-        found += [*_yaml(name, shown), *([f"  # {word}"] if hidden else [])]
-    return found
+        lines += [*_yaml(name, shown), *([f"  # {word}"] if hidden else [])]
+    return lines
 
 
 def _yaml(name: str, value: Any) -> list[str]:
@@ -148,6 +158,6 @@ def _yaml(name: str, value: Any) -> list[str]:
 
 
 def _scalar(value: Any) -> str:
-    """JSON is YAML; what reads the same without quotes has none."""
+    """Return a scalar as YAML. JSON is valid YAML; quotes are left out if the text reads the same without them."""
     plain = isinstance(value, str) and value.replace("/", "").replace("_", "").replace("-", "").isalnum()
     return value if plain and not value[0].isdigit() else json.dumps(value, ensure_ascii=False)

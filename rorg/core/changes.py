@@ -1,4 +1,5 @@
-"""What differs between what is kept and what is there now, found fast where most is the same object as before."""
+"""Fast comparison of large collections in which almost every element is the same object as before. Comparing identities
+instead of values keeps a pass over hundreds of unchanged services cheap."""
 
 from __future__ import annotations
 
@@ -12,7 +13,7 @@ T = TypeVar("T")
 
 
 def changed_keys(before: Mapping[K, Any], now: Mapping[K, Any]) -> set[K]:
-    """Keys whose values are other objects than before, new ones included; not those that are gone."""
+    """Return keys whose value is a different object than before, including new keys but not removed ones."""
     if before is now:
         return set()
     if len(before) == len(now) and not any(map(is_not, before, now)):
@@ -21,7 +22,8 @@ def changed_keys(before: Mapping[K, Any], now: Mapping[K, Any]) -> set[K]:
 
 
 def changed_items(before: Sequence[T], now: Sequence[T]) -> list[T]:
-    """What is only in one of the two, by identity; perhaps some of what is in both, where the order is another."""
+    """Return items that are in only one of the two sequences, by identity. If the order changed, items in both may be
+    included too."""
     if before is now:
         return []
     least = min(len(before), len(now))

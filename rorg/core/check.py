@@ -1,12 +1,13 @@
-"""Invariants of every plan. A violation is a bug in the planner: the pass is aborted before anything happens."""
+"""Invariants of every plan. A violation is a bug in the planner: the pass is aborted before anything happens, because
+an action on a robot cannot be undone."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
+from rorg.core.incremental import Planned
 from rorg.core.joining import joined_of
 from rorg.core.observed import LABEL_JOINED
-from rorg.core.onward import Planned
 from rorg.core.operations import Create, CreateObject, ObjectOperation, Remove, RemoveObject, Stop
 from rorg.core.plan import Action
 from rorg.core.situation import Situation
@@ -14,50 +15,50 @@ from rorg.model.objects import is_object, subject
 
 
 def check(planned: Planned) -> list[str]:
-    """What is wrong with a plan, in words, as far as it was made in this pass; empty for one that may be executed."""
+    """Return violations found in the part of the plan that was made in this pass; empty if it may be executed."""
     plans, places = planned.plans, planned.places
-    found: list[str] = []
-    for name in planned.looked_at:
+    violations: list[str] = []
+    for name in planned.replanned:
         for action in plans[name].actions:
-            before = [other for other in action.after if other != name or not action.index]
-            if any(not plans[other].actions or places[other] >= places[name] for other in before):
-                found.append(f"{action} comes before what it must follow")
-        of_one = _object_chain if is_object(name) else _chain
-        found += of_one(name, plans[name].actions, planned.situation)
-    return found
+            earlier_services = [earlier for earlier in action.after if earlier != name or not action.index]
+            if any(not plans[earlier].actions or places[earlier] >= places[name] for earlier in earlier_services):
+                violations.append(f"{action} comes before what it must follow")
+        check_chain = _object_chain if is_object(name) else _chain
+        violations += check_chain(name, plans[name].actions, planned.situation)
+    return violations
 
 
 def _chain(name: str, actions: Sequence[Action], situation: Situation) -> list[str]:
-    """The same of the actions of one service."""
+    """Check the actions of one service."""
     containers = situation.observed.by_service().get(name, [])
     known = {c.id: c for c in containers}
-    found = [f"two actions at once for {name}"] if sum(not a.after for a in actions) > 1 else []
+    violations = [f"two actions at once for {name}"] if sum(not a.after for a in actions) > 1 else []
     if actions and not situation.observed.complete:
-        found.append(f"actions for {name} on an incomplete observation")
+        violations.append(f"actions for {name} on an incomplete observation")
     for action in actions:
         if name in situation.memory.in_flight:
-            found.append(f"a second action for {name} while one is under way")
+            violations.append(f"a second action for {name} while one is under way")
         if action.container and action.container not in known:
             owner = next((c.service for c in situation.observed.containers if c.id == action.container), "")
-            found.append(f"{action} touches a container " + (f"of {owner}" if owner else "that is not ours"))
+            violations.append(f"{action} touches a container " + (f"of {owner}" if owner else "that is not ours"))
         if not action.after and action.container:
             state = known[action.container].state if action.container in known else ""
             if action.operation.states and state not in action.operation.states:
-                found.append(f"{action} of a container that is {state}")
-        found += _activation(action, situation) + _joined(action, situation)
+                violations.append(f"{action} of a container that is {state}")
+        violations += _activation(action, situation) + _joined(action, situation)
         if not action.after and action.operation.begins:
-            found += [
+            violations += [
                 f"{action} beside another active container of it"
                 for c in containers
                 if c.active and c.id != action.container
             ]
         if situation.interlocks.get(name) and action.operation.felt:
-            found.append(f"{action} against its interlock")
-    return found
+            violations.append(f"{action} against its interlock")
+    return violations
 
 
 def _joined(action: Action, situation: Situation) -> list[str]:
-    """A container is made joined to containers that are there."""
+    """Check that a new container is joined only to containers that exist."""
     service = situation.desired.catalog.services.get(action.service)
     if not isinstance(action.operation, Create) or action.after or service is None or not service.joins:
         return []
@@ -67,33 +68,34 @@ def _joined(action: Action, situation: Situation) -> list[str]:
 
 
 def _object_chain(name: str, actions: Sequence[Action], situation: Situation) -> list[str]:
-    """The same of the actions of a network or volume."""
-    objects, one = situation.observed.objects, situation.desired.objects.get(name)
-    found = [f"two actions at once for {name}"] if sum(not a.after for a in actions) > 1 else []
+    """Check the actions of a network or volume."""
+    objects, declared = situation.observed.objects, situation.desired.objects.get(name)
+    violations = [f"two actions at once for {name}"] if sum(not a.after for a in actions) > 1 else []
     if actions and (objects is None or not situation.observed.complete):
-        return [*found, f"actions for {name} on an incomplete observation"]
+        return [*violations, f"actions for {name} on an incomplete observation"]
     for action in actions:
         operation = action.operation
         if not isinstance(operation, ObjectOperation):
-            return [*found, f"{action} on a container of what has none"]
-        there = objects.found.get(subject(operation.object, operation.name)) if objects else None
+            return [*violations, f"{action} on a container of what has none"]
+        existing = objects.found.get(subject(operation.object, operation.name)) if objects else None
         if name in situation.memory.in_flight:
-            found.append(f"a second action for {name} while one is under way")
+            violations.append(f"a second action for {name} while one is under way")
         if isinstance(operation, CreateObject) and (
-            one is None or one.external or (there is not None and not action.index)
+            declared is None or declared.external or (existing is not None and not action.index)
         ):
-            found.append(f"{action}, which is not for rorg to make")
+            violations.append(f"{action}, which is not for rorg to make")
         if isinstance(operation, RemoveObject):
-            if there is None or there.owner != situation.owner:
-                found.append(f"{action} touches what is not ours")
-            elif there.kind == "volume" and (one is not None or not situation.purge):
-                found.append(f"{action} loses data")
-            elif one is None and not situation.removals:
-                found.append(f"{action}, which no manifest declares")
-    return found
+            if existing is None or existing.owner != situation.owner:
+                violations.append(f"{action} touches what is not ours")
+            elif existing.kind == "volume" and (declared is not None or not situation.purge):
+                violations.append(f"{action} loses data")
+            elif declared is None and not situation.removals:
+                violations.append(f"{action}, which no manifest declares")
+    return violations
 
 
 def _activation(action: Action, situation: Situation) -> list[str]:
+    """Check that only wanted services begin, with everything they need, and that only unwanted ones end."""
     services, name = situation.desired.catalog.services, action.service
     if name not in services or services[name].meta:
         going = situation.removals or name in situation.confirmed
@@ -120,6 +122,6 @@ def _activation(action: Action, situation: Situation) -> list[str]:
 
 
 def _completed(name: str, situation: Situation) -> bool:
-    current = next(iter(situation.observed.by_service().get(name, [])), None)
+    current = situation.observed.current(name)
     service = situation.desired.catalog.services[name]
     return current is not None and current.exit_code == 0 and situation.memory.of(name).over(service, current)

@@ -1,4 +1,4 @@
-"""Conditions of a service, each with a reason that programs can go by."""
+"""Conditions of a service, in the form that Kubernetes uses: a type, a status and a machine-readable reason."""
 
 from __future__ import annotations
 
@@ -15,14 +15,20 @@ from rorg.core.wanted import Link
 from rorg.model.catalog import Service
 
 CAUTIONS = ("Pausable", "NodesUnique")
-"""Types of conditions that tell of no trouble yet."""
+"""Condition types that warn of a risk while nothing is wrong yet."""
 
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """As in Kubernetes: `type` is Ready, Requested, Reconciling or Stalled; Updated beside, where a change failed
-    (False: it is quarantined) or is on trial (Unknown: OnTrial until it has come up, then Baking); Pausable, and
-    NodesUnique, only where they are False. status is True, False or Unknown."""
+    """`type` is one of:
+
+    - Ready, Requested, Reconciling, Stalled: always present;
+    - Updated, if a change failed (False: quarantined) or is on trial (Unknown: OnTrial until it has come up, then
+      Baking);
+    - Pausable and NodesUnique, only if they are False.
+
+    `status` is True, False or Unknown.
+    """
 
     type: str
     status: str
@@ -31,41 +37,45 @@ class Condition:
 
 
 def requested(links: Sequence[Link]) -> Condition:
-    """Whether something wants it, by the chain that leads to it."""
+    """Return whether something wants the service, with the chain that leads to it as the message."""
     text = " <- ".join(map(str, links))
     return Condition("Requested", str(bool(links)), "Wanted" if links else "NotWanted", text)
 
 
 def occasional(situation: Situation, service: Service) -> tuple[Condition, ...]:
-    """Those that are there only where they tell something."""
-    return (*_updated(situation, service.name), *_of_ros(situation, service))
+    """Return the conditions that are present only if they have something to report."""
+    return (*_updated(situation, service.name), *_ros_conditions(situation, service))
 
 
 def _updated(situation: Situation, name: str) -> tuple[Condition, ...]:
-    """How its last change fares, while that is open or has failed."""
-    step = situation.memory.of(name)
+    """Return the state of the last change while it is on trial or after it failed."""
+    progress = situation.memory.of(name)
     containers = situation.observed.by_service().get(name, [])
-    if step.update.failed:
+    if progress.update.failed:
         remedy = f"change it again, or `rorg retry {name}`"
-        return (Condition("Updated", "False", "Quarantined", f"{step.update.failed}; {remedy}"),)
-    if containers and containers[0].active and candidate(containers, step.update):
+        return (Condition("Updated", "False", "Quarantined", f"{progress.update.failed}; {remedy}"),)
+    if containers and containers[0].active and candidate(containers, progress.update):
         service, looked = situation.desired.catalog.services[name], situation.observed.looked.get(containers[0].id)
-        up = has_come_up(step, service, looked, situation.now)
+        up = has_come_up(progress, service, looked, situation.now)
         return (Condition("Updated", "Unknown", "Baking" if up else "OnTrial"),)
     return ()
 
 
-def stalled(step: Progress) -> str:
-    """The reason of the condition Stalled."""
-    if not step.stalled:
+def stalled(progress: Progress) -> str:
+    """Return the reason for the condition Stalled."""
+    if not progress.stalled:
         return "Fine"
-    return "CrashLoop" if step.exits >= STALLED_AFTER else "RepeatedFailure"
+    return "CrashLoop" if progress.exits >= STALLED_AFTER else "RepeatedFailure"
 
 
-def _of_ros(situation: Situation, service: Service) -> tuple[Condition, ...]:
-    """What the graph of its ROS 1 master says of a service."""
-    found = risks(situation, service)
-    pausable = [Condition("Pausable", "False", found[0].code, "; ".join(r.message for r in found))] if found else []
+def _ros_conditions(situation: Situation, service: Service) -> tuple[Condition, ...]:
+    """Return conditions found in the graph of the service's ROS 1 master."""
+    pause_risks = risks(situation, service)
+    pausable = (
+        [Condition("Pausable", "False", pause_risks[0].code, "; ".join(r.message for r in pause_risks))]
+        if pause_risks
+        else []
+    )
     graph = situation.ros.get(master_of(service)) if situation.ros else None
     taken = [t for t in graph.takeovers if service.name in (t.former, t.service)] if graph else []
     shared = [Condition("NodesUnique", "False", "TakenOver", "; ".join(map(str, taken)))] if taken else []

@@ -1,4 +1,5 @@
-"""What a run has read of the files that it mounts from the tree, and what of it has changed since."""
+"""Which content of mounted files a run has read, and what has changed since. Editing a mounted config file must reload
+the service that read it, and only that one."""
 
 from __future__ import annotations
 
@@ -10,28 +11,29 @@ from rorg.core.observed import Container
 from rorg.core.update import Update
 
 
-def noted(step: Progress, current: Container, there: Mapping[str, str]) -> Progress:
-    """Of a run that we began, it is what was there then. Of one that is new to us, it is taken to be what is there
-    now: a new rorg restarts nothing by itself. `there` is what is there now."""
+def noted(progress: Progress, current: Container, present: Mapping[str, str]) -> Progress:
+    """Note what the current run has read. A run that rorg started has read what was there at the start. For a run that
+    rorg finds at its own start, the present content is assumed, because a new rorg must restart nothing on its own.
+    `there` maps mounted paths to present digests."""
     if not current.alive or current.brief:
-        return step
-    update = _noted(step.update, current, there)
-    return step if update == step.update else replace(step, update=update)
+        return progress
+    update = _noted(progress.update, current, present)
+    return progress if update == progress.update else replace(progress, update=update)
 
 
-def _noted(update: Update, current: Container, there: Mapping[str, str]) -> Update:
+def _noted(update: Update, current: Container, present: Mapping[str, str]) -> Update:
     if update.run != current.incarnation:
-        begun = there if update.begun is None else update.begun
+        begun = present if update.begun is None else update.begun
         return replace(
-            update, run=current.incarnation, content={p: begun.get(p, d) for p, d in there.items()}, begun=None
+            update, run=current.incarnation, content={p: begun.get(p, d) for p, d in present.items()}, begun=None
         )
-    if update.content.keys() != there.keys():
-        return replace(update, content={p: update.content.get(p, d) for p, d in there.items()})
+    if update.content.keys() != present.keys():
+        return replace(update, content={p: update.content.get(p, d) for p, d in present.items()})
     return update
 
 
-def changed(update: Update, container: Container, there: Mapping[str, str]) -> tuple[str, ...]:
-    """Mounted paths whose content is another one than this run has read."""
+def changed(update: Update, container: Container, present: Mapping[str, str]) -> tuple[str, ...]:
+    """Return mounted paths whose content differs from what this run has read."""
     if update.run != container.incarnation:
         return ()
-    return tuple(sorted(p for p, digest in there.items() if update.content.get(p, digest) != digest))
+    return tuple(sorted(p for p, digest in present.items() if update.content.get(p, digest) != digest))

@@ -1,4 +1,4 @@
-"""One pass of the loop as a pure function: everything that was read in, everything to do out."""
+"""One pass of the loop as a pure function: everything that was read goes in, everything to do comes out."""
 
 from __future__ import annotations
 
@@ -7,15 +7,14 @@ from dataclasses import dataclass, field, replace
 from operator import itemgetter
 
 from rorg.core.assessment import assess
-from rorg.core.cache import Cache
 from rorg.core.check import check
 from rorg.core.dispatch import freed_at, select
-from rorg.core.foresight import noted
-from rorg.core.inputs import Inputs
+from rorg.core.incremental import busy, update_plan
+from rorg.core.inputs import Cache, Inputs
 from rorg.core.memory import Memory
-from rorg.core.onward import busy, plan_on
 from rorg.core.outcomes import begin, forget
 from rorg.core.plan import Action, Plan
+from rorg.core.prediction import with_begun
 from rorg.core.requests import Settled
 from rorg.core.schedule import Schedule, Target, schedule
 from rorg.core.situation import Situation
@@ -25,54 +24,55 @@ from rorg.model.units import parse_time
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Decision:
-    """What one pass has found, and what is to be begun."""
+    """The result of one pass."""
 
     situation: Situation
     plan: Plan
     begin: tuple[Action, ...]
-    """Actions to cache to workers now; `memory` already counts them as under way."""
+    """Actions to hand to the workers now; `memory` already counts them as under way."""
     memory: Memory
     settled: Settled
     violations: tuple[str, ...] = ()
     deadline: float | None = None
-    """When to look again though nothing wakes the loop; None for never."""
+    """When to run the next pass even if nothing wakes the loop; None for never."""
     to_probe: Mapping[tuple[str, str], Target] = field(default_factory=dict)
-    """By (service, role)."""
+    """Probes to run, by (service, role)."""
     to_look: Mapping[str, float] = field(default_factory=dict)
-    """Container id -> the moment after which a look at it must begin, since a verdict waits for that."""
+    """Container id -> the moment after which a look at it must begin, because a verdict waits for it."""
     holds: Mapping[str, str] = field(default_factory=dict)
-    """Services that a person holds now, each with the reason."""
+    """Services that a person holds now -> the reason."""
     served: Mapping[str, str] = field(default_factory=dict)
-    """Restarts that were asked for, and done."""
+    """Requested restarts that are done."""
     retried: Mapping[str, str] = field(default_factory=dict)
-    """The wishes to try again that are heard."""
+    """Retries that were applied."""
     confirmed: tuple[str, ...] = ()
-    """Confirmed removals that are done, or void."""
-    looked_at: tuple[str, ...] = ()
-    """Services that were planned in this pass; the others are as at the last one."""
+    """Confirmed removals that are done or no longer apply."""
+    replanned: tuple[str, ...] = ()
+    """Services planned in this pass; the plans of all others are unchanged."""
     whole: bool = True
-    """All were."""
+    """Whether all services were planned in this pass."""
     cache: Cache | None = None
     """For the next pass."""
 
 
 def decide(inputs: Inputs) -> Decision:
-    """Resolves requests, plans, checks, and picks what to begin. A plan that violates an invariant begins nothing."""
+    """Settle requests, plan, check the plan, and pick the actions to begin. A plan that violates an invariant begins
+    nothing."""
     observed = inputs.observed
     cache = inputs.cache if observed.complete else None
     touched = observed.since(cache.planned.situation.observed) if cache else set[str]()
     inputs, withheld, ended = _withheld(inputs)
     assessed = assess(inputs, cache, touched, withheld)
-    situation, followed = assessed.situation, assessed.followed
-    planned = plan_on(cache.planned if cache else None, situation, touched)
+    situation, tracked = assessed.situation, assessed.tracked
+    planned = update_plan(cache.planned if cache else None, situation, touched)
     plan, memory = planned.plan(), situation.memory
     if observed.complete:
-        memory = forget(memory, planned.looked_at, {n for n in planned.looked_at if busy(planned, n)})
+        memory = forget(memory, planned.replanned, {n for n in planned.replanned if busy(planned, n)})
     violations = tuple(check(planned))
-    ready = () if violations or situation.suspended else map(itemgetter(-1), planned.turns)
+    ready = () if violations or situation.suspended else map(itemgetter(-1), planned.queue)
     chosen = tuple(select(ready, memory.in_flight, inputs.limits, inputs.now))
     memory = begin(memory, chosen, observed, inputs.now)
-    memory = replace(memory, foresight=noted(memory.foresight, chosen, inputs.now)) if chosen else memory
+    memory = replace(memory, prediction=with_begun(memory.prediction, chosen, inputs.now)) if chosen else memory
     due = schedule(cache.schedule if cache else None, planned, inputs.asked)
     return Decision(
         situation=situation,
@@ -88,14 +88,15 @@ def decide(inputs: Inputs) -> Decision:
         served=assessed.served,
         retried=inputs.retries,
         confirmed=ended,
-        looked_at=planned.looked_at,
+        replanned=planned.replanned,
         whole=planned.whole,
-        cache=Cache(followed=followed, planned=planned, schedule=due) if followed and not violations else None,
+        cache=Cache(tracked=tracked, planned=planned, schedule=due) if tracked and not violations else None,
     )
 
 
 def _withheld(inputs: Inputs) -> tuple[Inputs, Withheld, tuple[str, ...]]:
-    """The inputs with what is withheld still desired; what that is; confirmations that are done, or void."""
+    """Return the inputs with withheld services still desired, the withheld services, and the confirmations that
+    ended."""
     memory, catalog, observed = inputs.memory, inputs.desired.catalog, inputs.observed
     if inputs.down:
         return inputs, {}, ()
@@ -113,6 +114,7 @@ def _withheld(inputs: Inputs) -> tuple[Inputs, Withheld, tuple[str, ...]]:
 
 
 def _deadline(situation: Situation, due: Schedule, inputs: Inputs, look: float | None) -> float | None:
+    """Return the earliest future moment at which something is due."""
     now, memory = situation.now, situation.memory
     times = [] if look is None else [look]
     times += [lease.until for lease in memory.leases.values()]

@@ -1,4 +1,5 @@
-"""Changes that wait until a service is ceased or restarted, since its manifest or the Policy says so."""
+"""Changes that wait until a service idles or restarts: `update: {when: when_ceased}` in its manifest or in the
+Policy."""
 
 from __future__ import annotations
 
@@ -12,18 +13,18 @@ from rorg.model.catalog import Service
 
 
 def deferred(view: View, service: Service, changes: Collection[str]) -> Waiting | None:
-    """Why what has changed of it (options, or mounted paths) is not in use yet; None where nothing keeps it back."""
+    """Return why changed options or mounted paths are not applied yet; None if nothing defers them."""
     name = service.name
     if service.update.when != "when_ceased" or not changes or not view.active(name):
         return None
     if name not in view.s.wanted or name in view.s.restarts:
         return None
-    what = ", ".join(sorted(changes))
-    return Waiting(name, f"changed: {what}; comes into use when it is next ceased or restarted", code="deferred")
+    names = ", ".join(sorted(changes))
+    return Waiting(name, f"changed: {names}; takes effect when the service next idles or restarts", code="deferred")
 
 
 def content_to_restart_for(view: View, service: Service, container: Container) -> tuple[str, ...]:
-    """Mounted paths for whose change its run is to end."""
+    """Return mounted paths whose change must restart the current run."""
     if service.on_change != "restart" or not container.alive or service.name not in view.s.wanted:
         return ()
     now = view.desired.contents.get(service.name, {})

@@ -1,4 +1,5 @@
-"""What is desired, computed once for a catalog."""
+"""The desired state, derived once per state of the manifests: digests, order, relations. Everything here would
+otherwise be computed again in every pass."""
 
 from __future__ import annotations
 
@@ -9,53 +10,52 @@ from typing import Any
 
 from rorg.core.diff import declared_now
 from rorg.core.digest import digest
-from rorg.core.uses import used_objects
 from rorg.model.catalog import RUN, Catalog, Probe, Service
 from rorg.model.devices import Device
 from rorg.model.image_names import declared
-from rorg.model.objects import EngineObject
+from rorg.model.objects import EngineObject, keys_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Desired:
-    """The catalog with what is worth computing once for it."""
+    """A catalog together with what is derived from it."""
 
     catalog: Catalog
     digests: Mapping[str, str]
     editions: Mapping[str, str]
-    """Service -> all that the trial of a new container of it depends on."""
+    """Service -> digest of everything that the trial of its next container depends on."""
     declared: Mapping[str, Mapping[str, Any]]
-    """Service -> its options as a container's record has them."""
+    """Service -> its options in the form of a container's label."""
     order: tuple[str, ...]
-    """All services, what is needed before what needs it."""
+    """All services, each after everything it needs."""
     dependants: Mapping[str, tuple[str, ...]]
     conflicts: Mapping[str, tuple[str, ...]]
-    """In both directions, whichever side declared them."""
+    """Service -> services it conflicts with, whichever side declared it."""
     sharers: Mapping[str, tuple[str, ...]]
-    """Exclusive resource -> the services that use it."""
+    """Exclusive resource -> services that use it."""
     rivals: Mapping[str, frozenset[str]]
-    """Service -> those whose plan depends on whether it is active, though they do not need it: it conflicts with them,
-    or shares an exclusive resource with them."""
+    """Service -> services whose plan depends on whether it is active although they do not need it: they conflict or
+    share an exclusive resource."""
     sets: Mapping[str, tuple[str, ...]]
-    """Set -> the services that change together."""
+    """Name of an atomic set -> the services that change together."""
     interlocks: Mapping[str, Probe]
-    """Of the services that have one."""
+    """Service -> its interlock."""
     drivers: tuple[str, ...] = ()
     """Services that wait for devices."""
     devices: tuple[Device, ...] = ()
-    """All of these."""
+    """All devices of drivers."""
     objects: Mapping[str, EngineObject] = field(default_factory=dict)
     """Networks and volumes, by their subject in a plan."""
     uses: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    """Service -> the subjects of those that it uses."""
+    """Service -> subjects of the networks and volumes it uses."""
     users: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    """Subject -> the services that use it."""
+    """Subject -> services that use it."""
     keys: frozenset[str] = frozenset()
-    """By which these are looked for on the engine."""
+    """Keys under which networks and volumes are looked up on the engine."""
     contents: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
-    """Service -> what it mounts from the tree -> digest of what is there, where it cares."""
+    """Service -> mounted path of the tree -> digest of its content, for services that care about changes."""
     ros: Mapping[str, str] = field(default_factory=dict)
-    """Service -> digest of the ROS parameters that it declares."""
+    """Service -> digest of its ROS parameters."""
 
 
 def desire(
@@ -64,8 +64,8 @@ def desire(
     contents: Mapping[str, Mapping[str, str]] | None = None,
     images: Mapping[str, str] | None = None,
 ) -> Desired:
-    """Digests and orders of a catalog. `run` is the directory of rorg's sockets; `images`: Image of the tree -> the
-    reference that means its content. So the digest of a service's container changes with the content of its image."""
+    """Derive the desired state of a catalog. `run` is the directory of rorg's sockets. `images` maps an Image of the
+    tree to the reference that stands for its content, so a container's digest changes with the content of its image."""
     contents = contents or {}
     catalog = _from_images(_located(catalog, run), images or {})
     services = catalog.services
@@ -85,9 +85,9 @@ def desire(
         },
         declared={name: declared_now(s.spec, s.secrets) for name, s in services.items() if s.spec is not None},
         order=tuple(TopologicalSorter(graph).static_order()),
-        dependants={name: tuple(sorted(found)) for name, found in dependants.items()},
-        conflicts={name: tuple(sorted(found)) for name, found in conflicts.items()},
-        sharers={resource: tuple(sorted(found)) for resource, found in sharers.items()},
+        dependants={name: tuple(sorted(names)) for name, names in dependants.items()},
+        conflicts={name: tuple(sorted(names)) for name, names in conflicts.items()},
+        sharers={resource: tuple(sorted(names)) for resource, names in sharers.items()},
         rivals={
             name: frozenset(conflicts[name].union(*(sharers[r] for r in s.exclusive)))
             for name, s in services.items()
@@ -103,20 +103,22 @@ def desire(
 
 
 def _probes(service: Service) -> dict[str, Any]:
-    """What tells how a service is. Without `live` it is as it was before that counted, for the same reason as below."""
-    live = {"live": _said(service.live)} if service.live else {}
-    return {"ready": service.ready and _said(service.ready), **live}
+    """Return what defines readiness in an edition. The key `live` is left out if there is no such probe, so that
+    editions written before `live` existed stay the same."""
+    live = {"live": _probe_fields(service.live)} if service.live else {}
+    return {"ready": service.ready and _probe_fields(service.ready), **live}
 
 
-def _said(probe: Probe) -> dict[str, Any]:
-    """A probe of one question, as it was before there were parts: what ran well then is not to be proven again."""
+def _probe_fields(probe: Probe) -> dict[str, Any]:
+    """Return the fields of a probe for an edition. `parts` is left out if empty, so that services proven before probes
+    had parts need not be proven again."""
     return {name: value for name, value in asdict(probe).items() if name != "parts" or value}
 
 
 def _relations(
     services: Mapping[str, Service],
 ) -> tuple[dict[str, list[str]], dict[str, list[str]], dict[str, set[str]], dict[str, list[str]]]:
-    """What each needs; who needs each; who conflicts with each; who uses each exclusive resource."""
+    """Return what each service needs, who needs it, who conflicts with it, and who uses each exclusive resource."""
     graph = {name: sorted(n for n in services[name].needs if n in services) for name in sorted(services)}
     dependants: dict[str, list[str]] = {name: [] for name in services}
     conflicts: dict[str, set[str]] = {name: set() for name in services}
@@ -126,38 +128,38 @@ def _relations(
             dependants[need].append(name)
         for resource in service.exclusive:
             sharers.setdefault(resource, []).append(name)
-        for other in service.conflicts:
-            if other in services and other != name:
-                conflicts[name].add(other)
-                conflicts[other].add(name)
+        for rival in service.conflicts:
+            if rival in services and rival != name:
+                conflicts[name].add(rival)
+                conflicts[rival].add(name)
     return graph, dependants, conflicts, sharers
 
 
 def _sets(services: Mapping[str, Service]) -> dict[str, tuple[str, ...]]:
-    """Who goes together; whoever would be alone does not."""
-    found: dict[str, list[str]] = {}
+    """Return atomic sets with at least two members; a single service has nothing to change together with."""
+    sets: dict[str, list[str]] = {}
     for name, service in sorted(services.items()):
         if service.update.atomic and not service.meta:
-            found.setdefault(service.update.atomic, []).append(name)
-    return {name: tuple(members) for name, members in found.items() if len(members) > 1}
+            sets.setdefault(service.update.atomic, []).append(name)
+    return {name: tuple(members) for name, members in sets.items() if len(members) > 1}
 
 
 def _from_images(catalog: Catalog, images: Mapping[str, str]) -> Catalog:
-    """With services made from what images contain, rather than from what they are called."""
-    found = {
+    """Replace image names by references to the present content of these images."""
+    renamed = {
         name: replace(service, spec={**service.spec, "image": images[image]})
         for name, service in catalog.services.items()
         if service.spec is not None and (image := declared(service.spec.get("image", ""), images))
     }
-    said = digest({"manifests": catalog.fingerprint, "images": sorted(images.values())})
-    fingerprint = said.partition(":")[2][:16] if images else catalog.fingerprint
+    content_digest = digest({"manifests": catalog.fingerprint, "images": sorted(images.values())})
+    fingerprint = content_digest.partition(":")[2][:16] if images else catalog.fingerprint
     known = {name: replace(i, reference=images.get(name, i.reference)) for name, i in catalog.images.items()}
-    return replace(catalog, services={**catalog.services, **found}, images=known, fingerprint=fingerprint)
+    return replace(catalog, services={**catalog.services, **renamed}, images=known, fingerprint=fingerprint)
 
 
 def _located(catalog: Catalog, run: str) -> Catalog:
-    """With the sockets' directory in the containers that get one."""
-    found = {}
+    """Insert the directory of rorg's sockets into containers that call rorg."""
+    services = {}
     for name, service in catalog.services.items():
         if service.calls and service.spec is not None:
             spec = {
@@ -165,5 +167,25 @@ def _located(catalog: Catalog, run: str) -> Catalog:
                 "volumes": [v.replace(RUN, run) if isinstance(v, str) else v for v in service.spec["volumes"]],
             }
             spec["environment"] = {k: v.replace(RUN, run) for k, v in service.spec["environment"].items()}
-            found[name] = replace(service, spec=spec)
-    return replace(catalog, services={**catalog.services, **found}) if found else catalog
+            services[name] = replace(service, spec=spec)
+    return replace(catalog, services={**catalog.services, **services}) if services else catalog
+
+
+Uses = Mapping[str, tuple[str, ...]]
+
+
+def used_objects(catalog: Catalog) -> tuple[Mapping[str, EngineObject], Uses, Uses]:
+    """Return declared networks and volumes by subject, the ones each service uses, and the services that use each one.
+    Undeclared ones are left out: the engine has them or creates them itself."""
+    objects = {item.subject: item for item in (*catalog.networks.values(), *catalog.volumes.values())}
+    if not objects:
+        return {}, {}, {}
+    by_key = {item.key: name for name, item in objects.items()}
+    uses, users = dict[str, tuple[str, ...]](), dict[str, list[str]]()
+    for name, service in catalog.services.items():
+        used = dict.fromkeys(by_key[key] for key in keys_of(service.spec or {}) if key in by_key)
+        if used:
+            uses[name] = tuple(used)
+        for item in used:
+            users.setdefault(item, []).append(name)
+    return objects, uses, {item: tuple(sorted(users_of)) for item, users_of in users.items()}

@@ -1,4 +1,7 @@
-"""The one digest function, and the labels that carry it."""
+"""The digest of a declared container, and the labels in which a container carries what it was made from.
+
+Labels are rorg's only record of a container. A state directory can be lost; the labels stay with the container.
+"""
 
 from __future__ import annotations
 
@@ -25,27 +28,28 @@ from rorg.model.catalog import Probe, Spec
 
 VERSION = "v1"
 INTERLOCKS = ("tcp", "http", "file")
-"""Kinds of probes that ask this machine alone."""
+"""Probe kinds that only ask this machine. Nothing else may be run because a label says so."""
 _CANONICAL = json.JSONEncoder(sort_keys=True, separators=(",", ":"), ensure_ascii=False)
 
 
 def canonical(value: Any) -> str:
-    """The one text form of a JSON value: sorted keys, no white space."""
+    """Return the canonical JSON of a value: sorted keys, no white space."""
     return _CANONICAL.encode(value)
 
 
 def digest(spec: Spec) -> str:
-    """Identity of a rendered container: "v1:" and 32 hexadecimal digits over its canonical JSON.
+    """Return the identity of a rendered container: "v1:" and 32 hexadecimal digits over its canonical JSON.
 
-    The version names the algorithm. A new rorg must give the same digest for the same manifests, or it would replace
-    every container of a robot by itself.
+    The version names the algorithm. A new rorg must give the same digest for the same manifests; otherwise an upgrade
+    would replace every container of a robot.
     """
     return f"{VERSION}:{hashlib.sha256(canonical(spec).encode()).hexdigest()[:32]}"
 
 
 def declared_fields(spec: Spec, secrets: Collection[str] = ()) -> dict[str, Any]:
-    """The spec by field, one for each variable of the environment, whose values are only hashed: they may be secret,
-    and this ends up in a label and in plans. `secrets` names those that are, wherever else they are quoted."""
+    """Return the spec by field, with each environment variable as a field of its own. Their values are only hashed:
+    they may be secret, and the result ends up in labels and plans. `secrets` names secret variables, whose values are
+    also masked in other fields."""
     values = secrets_of(spec, secrets)
     fields = {k: marked(k, v, values) for k, v in spec.items() if k != "environment"}
     for name, value in spec.get("environment", {}).items():
@@ -55,12 +59,12 @@ def declared_fields(spec: Spec, secrets: Collection[str] = ()) -> dict[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class Rules:
-    """What others may rely on while a container is there, whatever has become of its manifest."""
+    """What other services may rely on as long as a container exists, even after its manifest is gone."""
 
     interlock: Probe | None = None
     exclusive: Mapping[str, int] = field(default_factory=dict)
     conflicts: tuple[str, ...] = ()
-    """Whichever side declared them."""
+    """Conflicting services, whichever side declared it."""
 
 
 def labels(
@@ -74,9 +78,14 @@ def labels(
     joined: Mapping[str, str] | None = None,
     devices: str = "",
 ) -> Mapping[str, str]:
-    """What marks a container as ours and says what it was created from (`made_from` is the digest of its spec), and in
-    the place of which one. `secrets`: variables whose values are not to be read from it. `joined`: service -> id of its
-    container, whose namespaces or volumes this one has. `devices`: the nodes that it is given."""
+    """Return the labels that mark a container as ours and record what it was made from.
+
+    - `made_from`: the digest of its spec;
+    - `previous`: id of the container that it replaces;
+    - `secrets`: variables whose values must not be readable;
+    - `joined`: service -> id of its container, whose namespaces or volumes this one uses;
+    - `devices`: the device nodes it is given.
+    """
     return {
         **spec.get("labels", {}),
         LABEL_OWNER: owner,
@@ -103,7 +112,7 @@ def _write_rules(rules: Rules) -> str:
 
 @lru_cache(maxsize=1024)
 def declared_of(label: str) -> Mapping[str, Any]:
-    """What the label rorg.io/declared says; empty where it cannot be read."""
+    """Return the content of the label rorg.io/declared; empty if it is unreadable."""
     try:
         value = json.loads(label)
     except (ValueError, RecursionError):
@@ -113,7 +122,7 @@ def declared_of(label: str) -> Mapping[str, Any]:
 
 @lru_cache(maxsize=1024)
 def rules_of(label: str) -> Rules:
-    """What the label rorg.io/rules says; nothing where it cannot be read."""
+    """Return the content of the label rorg.io/rules; no rules if it is unreadable."""
     try:
         value = json.loads(label)
         lock = value["interlock"]
@@ -129,11 +138,11 @@ def rules_of(label: str) -> Rules:
 
 
 def unreadable(container: Container) -> str:
-    """What is wrong with a container that carries our label, and what comes of it; empty where nothing is."""
+    """Return what is wrong with a container's labels and what follows from that; "" if nothing is."""
     if not container.service:
         return f"{container.error or f'its label {LABEL_SERVICE} names no service'}: it is left alone"
     if container.rules and rules_of(container.rules) == Rules():
-        return f"its label {LABEL_RULES} cannot be read: it holds nothing back once no manifest declares it"
+        return f"its label {LABEL_RULES} cannot be read: it holds nothing back once its manifest is gone"
     if container.declared and not declared_of(container.declared):
-        return f"its label {LABEL_DECLARED} cannot be read: it is made anew where its digest differs"
+        return f"its label {LABEL_DECLARED} cannot be read: the container is replaced if its digest differs"
     return ""

@@ -1,4 +1,4 @@
-"""What is wrong with an installation, and what to do: from facts alone."""
+"""`rorg doctor`: judge an installation from facts that were gathered before, and suggest a remedy for each problem."""
 
 from __future__ import annotations
 
@@ -11,20 +11,21 @@ from rorg.model.units import format_memory
 
 OK, WARNING, ERROR = "ok", "warning", "error"
 LITTLE, TOO_LITTLE = 2 << 30, 200 << 20
-"""Bytes of a disk: below the first an image may not fit, below the second the history may not."""
+"""Bytes of free disk space: below the first an image may not fit, below the second the journal may not."""
 FEW_FILES = 10_000
 WATCHES, INSTANCES = 16_384, 64
-"""inotify: a tree of manifests with what it mounts takes some thousand watches, and other programs need theirs."""
+"""inotify limits: a tree of manifests with the files it mounts takes some thousand watches, and other programs need
+theirs."""
 OPEN_FILES = 1024
 
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One thing that was looked at."""
+    """The result of one check."""
 
     name: str
     status: str
-    """ok, warning or error: with an error rorg cannot do its work."""
+    """ok, warning or error. With an error rorg cannot do its work."""
     message: str
     remedy: str = ""
 
@@ -32,89 +33,91 @@ class Check:
         return {"check": self.name, "status": self.status, "message": self.message, "remedy": self.remedy}
 
 
-def examine(found: Installation) -> list[Check]:
-    """All checks, in an order in which one may be the cause of those after it."""
-    return [check for look in _LOOKS for check in look(found)]
+def examine(host: Installation) -> list[Check]:
+    """Run all checks, in an order in which one problem may cause those after it."""
+    return [check for checks in _CHECKS for check in checks(host)]
 
 
-def _engine(found: Installation) -> Iterator[Check]:
-    if not capabilities_of(found.engine).server:
-        yield Check("engine", OK, f"{found.engine}: needs nothing else")
-    elif found.engine_denied:
-        message = f"you may not use the engine at {found.engine_host}"
+def _engine(host: Installation) -> Iterator[Check]:
+    if not capabilities_of(host.engine).server:
+        yield Check("engine", OK, f"{host.engine}: needs nothing else")
+    elif host.engine_denied:
+        message = f"no permission to use the engine at {host.engine_host}"
         yield Check("engine", ERROR, message, "`sudo usermod -aG docker $USER` and log in again, or as root")
-    elif found.engine_error:
-        message = f"the engine at {found.engine_host} does not answer: {found.engine_error}"
+    elif host.engine_error:
+        message = f"the engine at {host.engine_host} does not answer: {host.engine_error}"
         yield Check("engine", ERROR, message, "`systemctl start docker`, DOCKER_HOST, or --engine process")
     else:
-        yield Check("engine", OK, f"Docker {found.engine_version} answers at {found.engine_host}")
-        if not found.live_restore:
-            message = "containers end when the engine itself is started again"
+        yield Check("engine", OK, f"Docker {host.engine_version} answers at {host.engine_host}")
+        if not host.live_restore:
+            message = "containers stop when the engine restarts"
             remedy = '{"live-restore": true} in /etc/docker/daemon.json'
             yield Check("live-restore", WARNING, message, remedy)
 
 
-def _kernel(found: Installation) -> Iterator[Check]:
-    yield Check("cgroup", OK, f"control groups of version {found.cgroup}")
-    if found.pressure:
-        yield Check("pressure", OK, "the kernel tells how long programs wait (PSI)")
+def _kernel(host: Installation) -> Iterator[Check]:
+    yield Check("cgroup", OK, f"control groups v{host.cgroup}")
+    if host.pressure:
+        yield Check("pressure", OK, "the kernel reports pressure (PSI)")
     else:
-        message = "the kernel does not tell how long programs wait (PSI): the Policy's `pressure` sees load alone"
+        message = "the kernel reports no pressure (PSI): the Policy's `pressure` sees only load"
         yield Check("pressure", WARNING, message, "psi=1 on the kernel's command line")
 
 
-def _state(found: Installation) -> Iterator[Check]:
-    if found.state_error:
-        message = f"{found.state_dir} cannot be used: {found.state_error}"
+def _state(host: Installation) -> Iterator[Check]:
+    if host.state_error:
+        message = f"{host.state_dir} cannot be used: {host.state_error}"
         yield Check("state-directory", ERROR, message, "as root, --state-dir DIR, or RORG_STATE_DIR")
     else:
-        yield Check("state-directory", OK, found.state_dir)
-    if found.journal_error:
-        message = f"the history cannot be read: {found.journal_error}"
-        yield Check("journal", ERROR, message, "starting rorg again, which moves it aside and begins a new one")
+        yield Check("state-directory", OK, host.state_dir)
+    if host.journal_error:
+        message = f"the history cannot be read: {host.journal_error}"
+        yield Check("journal", ERROR, message, "`systemctl restart rorg`, which moves it aside and begins a new one")
     else:
         yield Check("journal", OK, "the history can be read")
 
 
-def _server(found: Installation) -> Iterator[Check]:
-    if found.socket_error:
-        yield Check("rorg", ERROR, f"{found.socket}: {found.socket_error}", "the group of that socket, or as root")
-    elif found.answers:
-        yield Check("rorg", OK, f"rorg answers at {found.socket}")
-    elif found.running:
-        message = f"rorg runs (process {found.running}) and does not answer at {found.socket}"
-        yield Check("rorg", ERROR, message, "`journalctl -u rorg`, and starting it again")
+def _server(host: Installation) -> Iterator[Check]:
+    if host.socket_error:
+        yield Check("rorg", ERROR, f"{host.socket}: {host.socket_error}", "the group of that socket, or as root")
+    elif host.answers:
+        yield Check("rorg", OK, f"rorg answers at {host.socket}")
+    elif host.running:
+        message = f"rorg runs (process {host.running}) and does not answer at {host.socket}"
+        yield Check("rorg", ERROR, message, "`journalctl -u rorg`, then `systemctl restart rorg`")
     else:
         yield Check("rorg", WARNING, "no rorg runs here", "`rorg run`, or `systemctl start rorg`")
 
 
-def _git(found: Installation) -> Iterator[Check]:
-    if not found.git_version:
-        yield Check("git", WARNING, "no git: no revisions, and nothing to go back to", "installing git")
-    elif found.git_refusal:
-        message, _, remedy = found.git_refusal.partition("; try ")
+def _git(host: Installation) -> Iterator[Check]:
+    if not host.git_version:
+        yield Check("git", WARNING, "git is not installed: no revisions and no way back", "installing git")
+    elif host.git_refusal:
+        message, _, remedy = host.git_refusal.partition("; try ")
         yield Check("git", WARNING, message, remedy)
     else:
-        yield Check("git", OK, found.git_version)
+        yield Check("git", OK, host.git_version)
 
 
-def _clock(found: Installation) -> Iterator[Check]:
-    if found.clock_synchronized:
+def _clock(host: Installation) -> Iterator[Check]:
+    if host.clock_synchronized:
         yield Check("clock", OK, "it is synchronized")
-    elif found.clock_synchronized is None:
+    elif host.clock_synchronized is None:
         yield Check("clock", OK, "the kernel does not say whether it is synchronized")
     else:
         message = "it is not synchronized: times of several machines, and of ROS messages, cannot be compared"
         yield Check("clock", WARNING, message, "`timedatectl set-ntp true`, or chrony")
 
 
-def _disks(found: Installation) -> Iterator[Check]:
-    for space in found.spaces:
+def _disks(host: Installation) -> Iterator[Check]:
+    for space in host.spaces:
         name, shown = f"disk {space.path}", f"{format_memory(space.free)} of {format_memory(space.total)} are free"
         short = space.free < TOO_LITTLE
         if short or space.free < LITTLE or _no_files(space):
-            what = shown if not _no_files(space) else f"{space.files} files can be made yet"
-            yield Check(name, ERROR if short else WARNING, what, "`rorg image prune`, `docker system df`, older bags")
+            what = shown if not _no_files(space) else f"{space.files} more files can be created"
+            yield Check(
+                name, ERROR if short else WARNING, what, "`rorg image prune`, `docker system df`, or deleting old bags"
+            )
         else:
             yield Check(name, OK, shown)
 
@@ -123,20 +126,20 @@ def _no_files(space: Space) -> bool:
     return 0 < space.files < FEW_FILES
 
 
-def _limits(found: Installation) -> Iterator[Check]:
+def _limits(host: Installation) -> Iterator[Check]:
     for name, least in (("fs.inotify.max_user_watches", WATCHES), ("fs.inotify.max_user_instances", INSTANCES)):
-        value = found.sysctls.get(name)
+        value = host.sysctls.get(name)
         if value is not None and value < least:
             message = f"{name} is {value}: changes of files may be seen late"
             yield Check("inotify", WARNING, message, f"`sysctl -w {name}={least * 4}`, and a file in /etc/sysctl.d")
             return
     yield Check("inotify", OK, "files can be watched")
-    if found.open_files < OPEN_FILES:
-        message = f"{found.open_files} files may be open: many services need more"
+    if host.open_files < OPEN_FILES:
+        message = f"{host.open_files} open files are allowed: many services need more"
         yield Check("open-files", WARNING, message, "`ulimit -n 65536`, or LimitNOFILE= of the unit")
 
 
-_LOOKS: tuple[Callable[[Installation], Iterator[Check]], ...] = (
+_CHECKS: tuple[Callable[[Installation], Iterator[Check]], ...] = (
     _engine,
     _kernel,
     _state,

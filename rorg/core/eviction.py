@@ -1,14 +1,17 @@
-"""What measures against pressure mean for the services of now."""
+"""Apply pressure measures to the current services: which ones leave the CPU, which ones are shed, and in which order.
+
+pressure.py decides when to take a measure; this file knows what a measure would free.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 from rorg.core.admission import PROTECTED, Admission
 from rorg.core.desired import Desired
+from rorg.core.inputs import Inputs
 from rorg.core.memory import Memory
-from rorg.core.observed import Observed
 from rorg.core.pressure import NONE, PATIENCE, Chances, Victim, advance, excess, helps, without
 from rorg.core.wanted import wanted
 from rorg.model.load import Load
@@ -18,7 +21,7 @@ ALIVE = ("running", "restarting", "paused")
 
 @dataclass(frozen=True, slots=True)
 class Eviction:
-    """Measures in force, as the planner takes them; the fields are those of Situation."""
+    """The measures in force, as fields of a Situation."""
 
     lowered: frozenset[str] = frozenset()
     hurry: bool = False
@@ -29,32 +32,34 @@ class Eviction:
 
 def evict(
     memory: Memory,
-    desired: Desired,
+    inputs: Inputs,
     admission: Admission,
     free: Admission,
     back: Mapping[str, int],
-    observed: Observed,
-    load: Load | None,
     excluded: Collection[str],
     locked: Collection[str],
     suspended: bool,
 ) -> tuple[Memory, Eviction]:
-    """Advance the state of pressure by one sample and say which measures follow.
+    """Advance the pressure state by one sample and return what follows from it.
 
-    `free` is the admission as if nothing were shed. `back` holds the priority that each shed service would have if it
-    came back, -1 if nobody would want it then. `excluded` services must not be active anyway; `locked` ones must not be
-    touched now. While suspended nothing can be done, so no new conclusion is drawn. Without thresholds no measure is in
-    force."""
-    policy = desired.catalog.policy
+    - `free`: the admission as if nothing were shed;
+    - `back`: the priority that each shed service would have if it came back, -1 if nothing would want it then;
+    - `excluded`: services that must not be active anyway;
+    - `locked`: services that must not be touched now;
+    - `suspended`: rorg can do nothing now, so it concludes nothing either.
+
+    Without thresholds in the Policy no measure is in force.
+    """
+    policy, load = inputs.desired.catalog.policy, inputs.load
     if policy.pressure is None:
         return replace(memory, pressure=NONE) if memory.pressure.engaged else memory, Eviction()
-    states = {name: cs[0].state for name, cs in observed.by_service().items()}
-    lower = _below_the_top(desired, admission)
+    lower = _below_the_top(inputs.desired, admission)
     before = state = memory.pressure
     if not suspended:
         over = excess(policy.pressure, policy.budget, load) if load else {}
-        victims = Victims(desired, admission, free, excluded, locked, states, load, over)
-        # Shedding is for what is wanted but for this, and never for what is protected by now, or needed by that.
+        victims = Victims(inputs, admission, free, excluded, locked, over)
+        states = victims.states
+        # Forget shed services that nothing wants any more, and those that have become protected since.
         state = without(state, [s.service for s in state.shed if not 0 <= back.get(s.service, -1) < PROTECTED])
         state = advance(
             state,
@@ -62,7 +67,7 @@ def evict(
             policy.budget,
             load,
             Chances(
-                _useful(desired, admission, lower, states, victims.use, over),
+                _useful(victims, lower),
                 victims.next_one,
                 any(states.get(s.service) in ALIVE for s in state.shed),
                 load is not None and _beginning(memory, states, load),
@@ -83,40 +88,34 @@ def evict(
 
 
 def _beginning(memory: Memory, states: Mapping[str, str], load: Load) -> bool:
-    """Whether a service uses something by now that the sample does not say of it."""
+    """Return whether a service already uses resources that the sample does not attribute to it yet."""
     calls = [f.since for f in memory.in_flight.values() if f.action.operation.begins]
     runs = [memory.of(n).running_since for n, state in states.items() if state == "running" and n not in load.use]
     return any(since is not None and load.at - since < PATIENCE for since in (*calls, *runs))
 
 
-def _useful(
-    desired: Desired,
-    admission: Admission,
-    lower: Collection[str],
-    states: Mapping[str, str],
-    use: Callable[[str], tuple[float, int]],
-    over: Mapping[str, float],
-) -> frozenset[str]:
-    """Measures that would help now: they change something that uses what is short."""
-    limits, services = desired.catalog.policy.pressure, desired.catalog.services
-    unwanted = [n for n in states if n in services and n not in admission.wanted]
-    lingering = [n for n in unwanted if states[n] == "running" and n not in admission.preempted]
+def _useful(victims: Victims, lower: Collection[str]) -> frozenset[str]:
+    """Return the measures that would help now: they change something that uses what is short."""
+    limits, services = victims.catalog.policy.pressure, victims.catalog.services
+    admission, states, use = victims.admission, victims.states, victims.use
+    idle = [n for n in states if n in services and n not in admission.wanted]
+    lingering = [n for n in idle if states[n] == "running" and n not in admission.preempted]
 
     def helped(cpu: Iterable[str], memory: Iterable[str]) -> bool:
-        return helps(over, sum(use(n)[0] for n in cpu), sum(use(n)[1] for n in memory))
+        return helps(victims.over, sum(use(n)[0] for n in cpu), sum(use(n)[1] for n in memory))
 
     useful = {
         "lower-shares": helped([n for n in lower if states.get(n) == "running"], ()),
         "end-lingering": helped(lingering, [n for n in lingering if services[n].idle.action != "pause"]),
-        "stop-paused": helped((), [n for n in unwanted if states[n] == "paused"]),
+        "stop-paused": helped((), [n for n in idle if states[n] == "paused"]),
         "close-admission": limits is not None and any(r < limits.admit for r in admission.priorities.values()),
     }
     return frozenset(name for name, is_useful in useful.items() if is_useful)
 
 
 def _below_the_top(desired: Desired, admission: Admission) -> frozenset[str]:
-    """Wanted services that matter less than the most important unprotected one, or than a protected one. Not those
-    with an interlock, which would have to be asked for so little."""
+    """Return wanted services that matter less than the most important one. Services with an interlock are left out:
+    asking the hardware for permission is too much for a change of CPU shares."""
     services = desired.catalog.services
     priorities = {n: r for n, r in admission.priorities.items() if not services[n].meta}
     top = max(priorities.values(), default=0)
@@ -124,30 +123,32 @@ def _below_the_top(desired: Desired, admission: Admission) -> frozenset[str]:
 
 
 class Victims:
-    """Services that could be shed: of those that run, and may be touched, nothing that is protected, that others need
-    or that asked for others; and nothing with which a protected service would go."""
+    """Services that may be shed. They run, may be touched, are not protected, and no other service needs them or was
+    requested by them; and shedding them takes no protected service along."""
 
     def __init__(
         self,
-        desired: Desired,
+        inputs: Inputs,
         admission: Admission,
         free: Admission,
         excluded: Collection[str],
         locked: Collection[str],
-        states: Mapping[str, str],
-        load: Load | None,
         over: Mapping[str, float],
     ) -> None:
-        self.catalog, self.admission, self.free, self.excluded = desired.catalog, admission, free, excluded
-        self.locked, self.states, self.over = locked, states, over
-        self.measured = load.use if load else {}
+        self.catalog, self.admission, self.free = inputs.desired.catalog, admission, free
+        self.excluded, self.locked, self.over = excluded, locked, over
+        self.states = {name: containers[0].state for name, containers in inputs.observed.by_service().items()}
+        self.measured = inputs.load.use if inputs.load else {}
 
     def use(self, name: str) -> tuple[float, int]:
+        """Return the measured (cores, bytes) of a service, or what it declares if it was not measured."""
         service = self.catalog.services[name]
         return self.measured.get(name, (service.cpu, service.memory))
 
     def names(self) -> list[str]:
-        # What was shed counts as wanted here: what it needs, or who asked for it, does not go in its place.
+        """Return the services that may be shed, in no order."""
+        # Shed services count as wanted here. Otherwise what they need, or who requested them, would be shed in their
+        # place.
         services, active = self.catalog.services, {**self.free.wanted, **self.admission.wanted}
         askers = {
             r.requester
@@ -167,25 +168,27 @@ class Victims:
         ]
 
     def victim(self, name: str) -> Victim | None:
+        """Return a service with what shedding it would free, including services that go with it; None if a protected
+        service would go too."""
         out = {*self.excluded, name}
-        gone = set(self.admission.wanted) - set(wanted(self.catalog, self.admission.requests, out))
-        if any(self.catalog.services[n].protected for n in gone):
+        ceasing = set(self.admission.wanted) - set(wanted(self.catalog, self.admission.requests, out))
+        if any(self.catalog.services[n].protected for n in ceasing):
             return None
-        uses = [self.use(n) for n in gone if self.states.get(n) == "running" and n not in self.locked]
+        uses = [self.use(n) for n in ceasing if self.states.get(n) == "running" and n not in self.locked]
         return name, sum(u[0] for u in uses), sum(u[1] for u in uses)
 
     def next_one(self, pressed: tuple[str, ...]) -> Victim | None:
-        """The one that matters least, of those with which enough of what is short would go; of several, that which
-        uses most of it."""
-        use = 0 if "cpu" in pressed else 1
-        order = sorted(self.names(), key=lambda n: (self.admission.priorities[n], -self.use(n)[use], n))
-        return next((v for n in order if (v := self.victim(n)) and helps(self.over, *v[1:])), None)
+        """Return the next service to shed: the least important one that frees enough of what is short. Among equals,
+        the one that uses most of what is short, so that as few services as possible are shed."""
+        resource = 0 if "cpu" in pressed else 1
+        candidates = sorted(self.names(), key=lambda n: (self.admission.priorities[n], -self.use(n)[resource], n))
+        return next((v for n in candidates if (v := self.victim(n)) and helps(self.over, *v[1:])), None)
 
     def below(self, service: str) -> list[Victim]:
-        """Those that matter less than a service that is out; who matters least comes first."""
+        """Return services that matter less than a given one, least important first."""
         priority = self.free.priorities.get(service, -1)
-        order = sorted(
+        candidates = sorted(
             (n for n in self.names() if self.admission.priorities[n] < priority),
             key=lambda n: (self.admission.priorities[n], n),
         )
-        return [v for n in order if (v := self.victim(n))]
+        return [v for n in candidates if (v := self.victim(n))]

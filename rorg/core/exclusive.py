@@ -1,4 +1,5 @@
-"""Exclusive resources: who holds them, and who is in whose way. What is paused still holds what it uses."""
+"""Exclusive resources, such as a microphone: which service holds them and who must let go. A paused service still holds
+what it has open, because pausing closes no file."""
 
 from __future__ import annotations
 
@@ -10,34 +11,35 @@ from rorg.core.situation import Situation
 from rorg.model.catalog import Service
 
 Containers = Mapping[str, Sequence[Container]]
-"""Of each service, the one that counts first."""
+"""Service -> its containers, the current one first."""
 
 
 class Exclusive:
-    """Of one situation. `undeclared` are containers of services that no manifest declares, or not as having one."""
+    """Holders of exclusive resources in one situation. `undeclared` are containers of services that no manifest
+    declares, or that are declared without a container."""
 
     def __init__(self, situation: Situation, containers: Containers, undeclared: Containers) -> None:
         self.s, self.desired, self.containers, self.undeclared = situation, situation.desired, containers, undeclared
-        self.there = situation.desired.catalog.policy.resources
+        self.capacity = situation.desired.catalog.policy.resources
 
     def holders(self, service: Service, resource: str) -> list[str]:
-        """Who must let go of a resource before this service can begin."""
+        """Return the services that must let go of a resource before this service can begin."""
         users = [o for o in self.desired.sharers[resource] if o != service.name and self.alive(o)]
-        left = self.left_over(resource)
-        used = service.exclusive[resource] + sum(self.units(o, resource) for o in users) + sum(left.values())
-        if used <= self.there.get(resource, 1):
+        left_over = self.left_over(resource)
+        used = service.exclusive[resource] + sum(self.units(o, resource) for o in users) + sum(left_over.values())
+        if used <= self.capacity.get(resource, 1):
             return []
-        return [*(o for o in users if o not in self.s.wanted), *left] or users
+        return [*(o for o in users if o not in self.s.wanted), *left_over] or users
 
     def contested(self, service: Service) -> bool:
-        """It holds a resource, even when paused, that a wanted service waits for."""
+        """Return whether this service holds a resource, even while paused, that a wanted service waits for."""
         for resource, units in service.exclusive.items():
             sharers = [o for o in self.desired.sharers[resource] if o != service.name]
             used = units + sum(self.units(o, resource) for o in sharers if self.alive(o))
             used += sum(self.left_over(resource).values())
-            there = self.there.get(resource, 1)
+            capacity = self.capacity.get(resource, 1)
             if any(
-                used + (0 if self.alive(o) else self.units(o, resource)) > there
+                used + (0 if self.alive(o) else self.units(o, resource)) > capacity
                 for o in sharers
                 if o in self.s.wanted and not self.done(o)
             ):
@@ -45,7 +47,7 @@ class Exclusive:
         return False
 
     def left_over(self, resource: str) -> dict[str, int]:
-        """Services that no manifest declares any more, and still hold units of a resource."""
+        """Return undeclared services that still hold units of a resource -> how many."""
         return {
             name: units
             for name, cs in self.undeclared.items()
@@ -59,7 +61,7 @@ class Exclusive:
         return any(c.alive for c in self.containers.get(name, ()))
 
     def done(self, name: str) -> bool:
-        """It ended, and its restart policy leaves it at that."""
+        """Return whether a service ended and its restart policy does not restart it."""
         current = next(iter(self.containers.get(name, ())), None)
         service = self.desired.catalog.services[name]
         return current is not None and self.s.memory.of(name).over(service, current)

@@ -1,4 +1,4 @@
-"""Networks and volumes as they are found on the engine."""
+"""Networks and volumes found on the engine."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from rorg.model.objects import Kind, subject
 
 @dataclass(frozen=True, slots=True)
 class FoundObject:
-    """A network or volume that is there."""
+    """A network or volume on the engine."""
 
     kind: Kind
     called: str
-    """The engine's name."""
+    """Its name on the engine."""
     id: str = ""
-    """Another one of the same name has another id; a volume has none but its name."""
+    """A network recreated with the same name has another id. Volumes have no id besides their name."""
     owner: str = ""
-    """The label rorg.io/owner; empty where rorg did not make it."""
+    """The label rorg.io/owner; "" if rorg did not create it."""
     name: str = ""
-    """What its manifest was called."""
+    """Its name in the manifest."""
     digest: str = ""
-    """The label rorg.io/spec: the digest of what it was made from."""
+    """The label rorg.io/spec: digest of what it was made from."""
     declared: str = ""
-    """The label rorg.io/declared: JSON of the declared options, for showing what changed."""
+    """The label rorg.io/declared: JSON of the declared options, to show what changed."""
 
     @property
     def key(self) -> str:
@@ -33,12 +33,12 @@ class FoundObject:
 
 @dataclass(frozen=True, slots=True)
 class FoundObjects:
-    """What was found, by key: all of ours, and whatever is called as one that is declared."""
+    """All networks and volumes owned by rorg, and those with the name of a declared one."""
 
     found: Mapping[str, FoundObject] = field(default_factory=dict)
     asked: frozenset[str] = frozenset()
-    """Keys that were looked for; nothing may be concluded of others that are not in `found`."""
+    """Keys that were looked up. Only for these, a missing entry in `found` means that the object does not exist."""
     complete: bool = False
-    """The engine has answered; until then nothing is known at all."""
+    """Whether the engine has answered; until then nothing is known."""
     error: str = ""
-    """Why it could not say."""
+    """Why it could not answer."""

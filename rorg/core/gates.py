@@ -1,4 +1,5 @@
-"""What a step of a service's chain must follow, or wait for."""
+"""Gates: what each step of a service's chain must follow or wait for: needs, devices, images, interlocks, back-off,
+conflicts, exclusive resources, ROS parameters, lingering."""
 
 from __future__ import annotations
 
@@ -25,38 +26,38 @@ FREE: Passage = (), None
 
 
 class Earlier(Protocol):
-    """What is planned for the services that come before this one."""
+    """The plans of the services that come before this one."""
 
-    def moving(self, name: str) -> bool:
-        """The plan has actions for it."""
+    def has_actions(self, name: str) -> bool:
+        """Return whether the plan has actions for it."""
 
     def unready(self, name: str) -> str:
-        """Why it is not ready and nothing in the plan will make it so; empty otherwise."""
+        """Return why it is not ready and the plan will not change that; "" otherwise."""
 
     def code(self, name: str) -> str:
-        """That of what it waits for."""
+        """Return the code of what it waits for."""
 
 
-def gate(view: View, service: Service, step: Step, earlier: Earlier, leaving: Collection[str]) -> Passage:
-    """`leaving` are unwanted services that do not linger."""
+def gate(view: View, service: Service, step: Step, earlier: Earlier, no_linger: Collection[str]) -> Passage:
+    """Return what a step must follow or wait for. `no_linger` are unwanted services that must cease immediately."""
     made, waiting = _objects(view, service.name, step, earlier)
     if waiting:
         return (), waiting
-    after, waiting = _gate(view, service, step, earlier, leaving)
+    after, waiting = _gate(view, service, step, earlier, no_linger)
     return (*made, *after), waiting
 
 
 def _objects(view: View, name: str, step: Step, earlier: Earlier) -> Passage:
-    """The networks and volumes that a container uses are there before it is made, and before it starts."""
+    """Networks and volumes must exist before a container that uses them is created or started."""
     uses = view.desired.uses.get(name, ()) if isinstance(step.operation, (Create, Start)) else ()
-    for one in uses:
-        reason = earlier.unready(one)
+    for subject in uses:
+        reason = earlier.unready(subject)
         if reason:
-            return (), Waiting(name, f"{one} {reason}", code=earlier.code(one))
-    return tuple(one for one in uses if earlier.moving(one)), None
+            return (), Waiting(name, f"{subject} {reason}", code=earlier.code(subject))
+    return tuple(subject for subject in uses if earlier.has_actions(subject)), None
 
 
-def _gate(view: View, service: Service, step: Step, earlier: Earlier, leaving: Collection[str]) -> Passage:
+def _gate(view: View, service: Service, step: Step, earlier: Earlier, no_linger: Collection[str]) -> Passage:
     name, memory = service.name, view.s.memory.of(service.name)
     operation = step.operation
     if isinstance(operation, Create):
@@ -77,24 +78,25 @@ def _gate(view: View, service: Service, step: Step, earlier: Earlier, leaving: C
         return (), Waiting(name, f"interlock: {locked}")
     begins = operation.begins or step.part_of
     if swap and memory.update.held and not _ends_anyway(view, service):
-        return (), Waiting(name, f"waits for the new container of {memory.update.held}, which goes together with it")
+        return (), Waiting(name, f"waits for the new container of {memory.update.held}, which changes together with it")
     limits = view.desired.catalog.policy.pressure
-    # Of what is to run only: a change does not keep a service that is shed from being stopped.
+    # Only for wanted services: a change must not keep a shed service from being stopped.
     admitted = name not in view.s.wanted or limits is None or view.s.priorities.get(name, 0) >= limits.admit
     if view.s.closed and begins and not admitted:
         return (), Waiting(name, view.s.closed)
     if isinstance(operation, Create) and service.joins:
         return _join(view, service, earlier)
     if operation.begins or (swap and name in view.s.wanted):
-        passage = _start(view, service, step, earlier)  # what runs goes on until the new one can begin
+        passage = _start(view, service, step, earlier)  # what runs goes on until its replacement can begin
         return _parameters(view, service) if isinstance(operation, Start) and passage == FREE else passage
     if operation.ends and name not in view.s.wanted:
-        return _cease(view, service, earlier, leaving)
+        return _cease(view, service, earlier, no_linger)
     return FREE
 
 
 def _ends_anyway(view: View, service: Service) -> bool:
-    """Whether no run can go on until its set is complete. The service then begins with its new container."""
+    """Return whether the current run ends before its set is complete. The service then begins again in its new
+    container."""
     current = view.current(service.name)
     if current is None or not current.active or service.name in view.s.restarts:
         return True
@@ -102,8 +104,8 @@ def _ends_anyway(view: View, service: Service) -> bool:
 
 
 def _join(view: View, service: Service, earlier: Earlier) -> Passage:
-    """A container is joined to those of others, so these come first."""
-    after = tuple(need for need in service.joins if earlier.moving(need))
+    """The containers to join must exist first, because the engine joins by id."""
+    after = tuple(need for need in service.joins if earlier.has_actions(need))
     if after:
         return after, None
     for need in service.joins:
@@ -117,7 +119,7 @@ def _start(view: View, service: Service, step: Step, earlier: Earlier) -> Passag
     name, after = service.name, []
     begun = step.operation.container if step.operation.begins else ""
     for need in service.needs:
-        if earlier.moving(need):
+        if earlier.has_actions(need):
             after.append(need)
         reason = earlier.unready(need)
         if not reason and need not in after and need in ends_with(service.joins):
@@ -127,19 +129,19 @@ def _start(view: View, service: Service, step: Step, earlier: Earlier) -> Passag
     left = [n for n, cs in view.exclusive.undeclared.items() if name in rules_of(cs[0].rules).conflicts]
     for other in (*view.desired.conflicts.get(name, ()), *left):
         if view.active(other):
-            if not earlier.moving(other):
+            if not earlier.has_actions(other):
                 return (), Waiting(name, f"conflicts with {other}, which is active")
             after.append(other)
     for resource in service.exclusive:
         holders = view.exclusive.holders(service, resource)
-        if not all(earlier.moving(h) for h in holders):
+        if not all(earlier.has_actions(h) for h in holders):
             return (), Waiting(name, f"waits for {resource}, which {', '.join(holders)} still uses")
         after += holders
     return tuple(after), None
 
 
 def _parameters(view: View, service: Service) -> Passage:
-    """All that it needs is ready, the master among it."""
+    """ROS parameters must be set before the start. The master is among the needs, so it is ready by now."""
     if not due(view.s, service):
         return FREE
     why = view.s.memory.of(service.name).not_set
@@ -147,44 +149,44 @@ def _parameters(view: View, service: Service) -> Passage:
 
 
 def _ready_at(view: View, need: str) -> float | None:
-    """When a needed service becomes ready by the clock alone."""
+    """Return when a needed service becomes ready by its delay alone."""
     services = view.desired.catalog.services
-    step, ready = view.s.memory.of(need), services[need].ready if need in services else None
-    if ready and ready.delay is not None and step.running_since is not None:
-        return step.running_since + ready.delay
+    progress, ready = view.s.memory.of(need), services[need].ready if need in services else None
+    if ready and ready.delay is not None and progress.running_since is not None:
+        return progress.running_since + ready.delay
     return None
 
 
 def unready(view: View, service: Service, blocked: str, planned: Collection[Operation]) -> str:
-    """What Earlier.unready() says of a service that its plan has been made for. `blocked` is why that stops short,
-    after the operations that are `planned`. What runs, and goes on, is as ready as it is, whatever a change of
-    it waits for."""
-    step = view.s.memory.of(service.name)
+    """Return what Earlier.unready() says about a service after it was planned. `blocked` is why its chain stops, after
+    the `planned` operations. A service that runs and goes on is as ready as before, even if a change of it has to
+    wait."""
+    progress = view.s.memory.of(service.name)
     goes_on = view.active(service.name) and not any(operation.idles for operation in planned)
-    if step.ready and goes_on:
+    if progress.ready and goes_on:
         return ""
     if blocked and not goes_on:
         return f"waits: {blocked}"
-    if (planned and not blocked) or _completed(view, service, step):
+    if (planned and not blocked) or _completed(view, service, progress):
         return ""
-    if step.running_since is None:
-        return f"is not running ({step.error or 'ended'})"
+    if progress.running_since is None:
+        return f"is not running ({progress.error or 'ended'})"
     ready = service.ready
     if ready is not None and ready.completed:
-        return f"has not ended ({format_seconds(view.now - step.running_since)})"
+        return f"has not ended ({format_seconds(view.now - progress.running_since)})"
     seconds = None if ready is None else ready.timeout if ready.delay is None else ready.delay
     limit = "" if seconds is None else f" of {format_seconds(seconds)}"
-    detail = f": {step.probe}" if step.probe else ""
-    return f"is not ready ({format_seconds(view.now - step.running_since)}{limit}){detail}"
+    detail = f": {progress.probe}" if progress.probe else ""
+    return f"is not ready ({format_seconds(view.now - progress.running_since)}{limit}){detail}"
 
 
-def _completed(view: View, service: Service, step: Progress) -> bool:
-    """It did what it was for, and ended well."""
+def _completed(view: View, service: Service, progress: Progress) -> bool:
+    """Return whether it is a task that ended with exit code 0."""
     current = view.current(service.name)
-    return current is not None and current.exit_code == 0 and step.over(service, current)
+    return current is not None and current.exit_code == 0 and progress.over(service, current)
 
 
-def _cease(view: View, service: Service, earlier: Earlier, leaving: Collection[str]) -> Passage:
+def _cease(view: View, service: Service, earlier: Earlier, no_linger: Collection[str]) -> Passage:
     name, after = service.name, []
     if not view.active(name) or name not in view.desired.catalog.services:
         return FREE
@@ -192,10 +194,10 @@ def _cease(view: View, service: Service, earlier: Earlier, leaving: Collection[s
         if view.starting(dependant):
             return (), Waiting(name, f"not wanted, but {dependant} needs it and is being started")
         if view.active(dependant):
-            if not earlier.moving(dependant):
+            if not earlier.has_actions(dependant):
                 return (), Waiting(name, f"not wanted, but {dependant} needs it and is still active")
             after.append(dependant)
-    if name in leaving or view.s.hurry:
+    if name in no_linger or view.s.hurry:
         return tuple(after), None
     until = _lingers_until(view, service)
     if until is not None and until > view.now:
@@ -204,9 +206,9 @@ def _cease(view: View, service: Service, earlier: Earlier, leaving: Collection[s
 
 
 def _lingers_until(view: View, service: Service) -> float | None:
-    """None for what is over at once, whatever the time."""
-    step, idle = view.s.memory.of(service.name), service.idle
+    """Return until when an unwanted service lingers; None if it does not."""
+    progress, idle = view.s.memory.of(service.name), service.idle
     if not idle.linger and not idle.min_active:
         return None
-    until = (view.now if step.unwanted_since is None else step.unwanted_since) + idle.linger
-    return until if step.running_since is None else max(until, step.running_since + idle.min_active)
+    until = (view.now if progress.unwanted_since is None else progress.unwanted_since) + idle.linger
+    return until if progress.running_since is None else max(until, progress.running_since + idle.min_active)

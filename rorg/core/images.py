@@ -1,4 +1,4 @@
-"""Why no container is made now."""
+"""Reasons not to create a container now: a missing device, a missing image, or a deferred change."""
 
 from __future__ import annotations
 
@@ -12,9 +12,8 @@ from rorg.model.codes import DEVICE, IMAGE, NO_IMAGE
 
 
 def held_back(view: View, service: Service, changed: Collection[str]) -> Waiting | None:
-    """Why the container that is desired is not made now, for want of a device or of its image, or since its change is
-    left for later; None where nothing stands against it. `changed`: options that are not as in the container
-    that is there."""
+    """Return why the desired container is not created now; None if nothing prevents it. `changed` are options in which
+    the existing container differs."""
     if service.name in view.s.unplugged:
         return Waiting(service.name, view.s.unplugged[service.name], code=DEVICE)
     image = str((service.spec or {}).get("image", ""))

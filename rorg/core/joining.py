@@ -1,8 +1,8 @@
-"""Which containers of other services a service's container is joined to, and whether they are still the right ones.
+"""Joined containers (`network_mode: service:NAME`, `volumes_from`): which containers a service is joined to, and
+whether these are still the current ones.
 
-The engine knows them by id (Docker turns a name into the id when the container is made), so another container of the
-one means another container of the other. The ids are on a label, and no part of the digest: what is declared is the
-service.
+Docker resolves a name to a container id when the container is created. So a new container of one service requires a new
+container of the other. The ids are in a label and not in the digest, because the manifest only declares the service.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from rorg.model.joining import ends_with, resolved
 
 @lru_cache(maxsize=1024)
 def joined_of(label: str) -> Mapping[str, str]:
-    """Service -> id of its container, by the label rorg.io/joined; nothing where that cannot be read."""
+    """Return service -> id of its container, from the label rorg.io/joined; empty if it is unreadable."""
     try:
         value = json.loads(label) if label else {}
     except (ValueError, RecursionError):
@@ -30,38 +30,38 @@ def joined_of(label: str) -> Mapping[str, str]:
 
 
 def moved(view: View, service: Service, container: Container) -> str:
-    """Which service has another container than the one that this container was joined to; empty for none. One that
-    nobody wants stays as it is: what it joins may be gone, and come again, many times before it is wanted."""
+    """Return a service that has another container than the one this container was joined to; "" for none. Ignored while
+    the service is unwanted: the joined container may go and come many times before it matters."""
     if service.name not in view.s.wanted:
         return ""
-    for name, there in joined_of(container.joined).items():
-        if name in service.joins and there not in (_current(view, name), _coming(view, service, name)):
+    for name, joined_id in joined_of(container.joined).items():
+        if name in service.joins and joined_id not in (_current(view, name), _coming(view, service, name)):
             return name
     return ""
 
 
 def can_return(view: View, service: Service, container: Container) -> bool:
-    """Whether a container before this one could be gone back to: what it is joined to is still there, and comes back
-    with it, since both belong to one set."""
+    """Return whether it is possible to go back to this container: the containers it is joined to still exist and come
+    back with it, because both belong to one set."""
     lost = {n: i for n, i in joined_of(container.joined).items() if n in service.joins and i != _current(view, n)}
     return all(_together(view, service, n) and any(c.id == i for c in view.of(n)) for n, i in lost.items())
 
 
 def with_ids(view: View, service: Service) -> tuple[Spec, Mapping[str, str]]:
-    """The spec as the engine takes it, and what it is joined to (service -> id of its container). As declared, while
-    not all that it joins is there: then it is not yet made."""
+    """Return the spec with ids for the engine, and what it is joined to (service -> container id). If a joined
+    container is missing, return the spec as declared; it cannot be created yet."""
     spec = service.spec or {}
     ids = {name: _coming(view, service, name) or _current(view, name) for name in service.joins}
     return (resolved(spec, service.joins, ids), ids) if all(ids.values()) else (spec, {})
 
 
 def missing(view: View, service: Service) -> str:
-    """A service that it joins and that has no container; empty for none."""
+    """Return a joined service without a container; "" if there is none."""
     return next((name for name in service.joins if not view.of(name)), "")
 
 
 def is_made_ahead(view: View, name: str) -> bool:
-    """Whether a service has a container while nobody wants it, or has ever wanted it."""
+    """Return whether a service gets a container before it is wanted."""
     service = view.desired.catalog.services[name]
     idle = service.idle
     ends_removed = idle.escalate is not None and idle.escalate[1] == "remove"
@@ -69,9 +69,9 @@ def is_made_ahead(view: View, name: str) -> bool:
 
 
 def awaited(view: View, service: Service) -> Waiting | None:
-    """Why the running container is not yet replaced by one that is joined to the current containers; None if nothing
-    speaks against it. The container that it is joined to may still come back. An unwanted run ends whatever happens to
-    that one, so it waits for nothing."""
+    """Return why a running container is not replaced although a joined service has a new container; None if nothing
+    prevents it. While that one is on trial, the previous one may come back. An unwanted run ends either way, so it does
+    not wait."""
     for name in service.joins if service.name in view.s.wanted else ():
         if view.active(service.name) and not _together(view, service, name) and tried(view, name):
             up = came_up_at(view.s.memory.of(name), view.desired.catalog.services[name])
@@ -80,38 +80,41 @@ def awaited(view: View, service: Service) -> Waiting | None:
 
 
 def ended(view: View, service: Service, name: str, container: str) -> str:
-    """Why a container of the service cannot start now: the container of `name` whose namespace it has does not run.
-    Empty if it can. `container` is an id, empty for the one that is to take the place of what runs."""
-    mine = next((c for c in view.of(service.name) if c.id == container), None)
-    known = joined_of(mine.joined).get(name, "") if mine else _coming(view, service, name)
-    there = next((c for c in view.of(name) if c.id == (known or _current(view, name))), None)
-    if there is not None and there.alive:
+    """Return why a container of the service cannot start: the container of `name` whose namespace it uses does not run.
+    "" if it can. `container` is an id, "" for a container still to be created."""
+    container_of_service = next((c for c in view.of(service.name) if c.id == container), None)
+    joined_id = (
+        joined_of(container_of_service.joined).get(name, "") if container_of_service else _coming(view, service, name)
+    )
+    joined = next((c for c in view.of(name) if c.id == (joined_id or _current(view, name))), None)
+    if joined is not None and joined.alive:
         return ""
     current = view.current(name)
-    if there is None or current is None or not current.alive:
-        return "has ended, and with it what would be joined"
+    if joined is None or current is None or not current.alive:
+        return "has ended, so there is nothing to join"
     return "runs in another container than the one to join"
 
 
 def is_cut_off(view: View, service: Service, container: Container) -> bool:
-    """Whether a container cannot go on as it is: what it is joined to is gone or, if it shares a namespace, has ended
-    and made way for another container."""
-    for name, there in joined_of(container.joined).items():
-        other = next((c for c in view.of(name) if c.id == there), None)
-        ended = other is not None and not other.alive and there != _current(view, name)
-        if name in service.joins and (other is None or (ended and name in ends_with(service.joins))):
+    """Return whether a container cannot go on as it is: a container it is joined to is gone, or it shares the namespace
+    of one that has ended and been replaced."""
+    for name, joined_id in joined_of(container.joined).items():
+        other = next((c for c in view.of(name) if c.id == joined_id), None)
+        has_ended = other is not None and not other.alive and joined_id != _current(view, name)
+        if name in service.joins and (other is None or (has_ended and name in ends_with(service.joins))):
             return True
     return False
 
 
 def tried(view: View, name: str) -> bool:
-    """Whether a new container of it is on trial and has not come up: it may yet be that the one before comes back."""
-    step = view.s.memory.of(name)
-    pair = candidate(view.of(name), step.update)
+    """Return whether a new container of a service is on trial and has not come up, so the previous one may come
+    back."""
+    progress = view.s.memory.of(name)
+    pair = candidate(view.of(name), progress.update)
     if pair is None:
         return False
     looked = view.s.observed.looked.get(pair[0].id)
-    return not has_come_up(step, view.desired.catalog.services[name], looked, view.now)
+    return not has_come_up(progress, view.desired.catalog.services[name], looked, view.now)
 
 
 def _together(view: View, service: Service, other: str) -> bool:
@@ -120,13 +123,13 @@ def _together(view: View, service: Service, other: str) -> bool:
 
 
 def _current(view: View, name: str) -> str:
-    found = view.current(name)
-    return found.id if found else ""
+    container = view.current(name)
+    return container.id if container else ""
 
 
 def _coming(view: View, service: Service, name: str) -> str:
-    """The container that a service is about to have: the one before, where it goes back to that; the new one, where it
-    changes together with this service: then both are made before any of both is used."""
+    """Return the container that a service is about to have: the previous one if it goes back; the new one if it changes
+    together with this service, because all new containers of a set are created before any is used."""
     update = view.s.memory.of(name).update
     pair = candidate(view.of(name), update)
     if pair is None or not (update.failed or _together(view, service, name)):

@@ -1,4 +1,4 @@
-"""What follows what is learnt from requests: from a trace at once, or from one after another as a robot runs."""
+"""Learn what each requester asks for next, from a recorded trace or from requests as they come."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from rorg.model.learned import Departure, Learned, Names
 from rorg.model.trace import TraceEvent
 
 PASSING = 1.0
-"""Seconds. What is asked for so briefly is a step on the way to what comes next: a requester that releases one thing
-and then requests another asked for nothing between."""
+"""Seconds. A shorter state is only a step between two others: a requester that releases one thing and then requests the
+next did not ask for nothing in between."""
 DEPARTURES = 200
-"""The last ones that are kept of each state, so that habits of long ago are forgotten;"""
+"""Limits on what is kept, so that old habits are forgotten and memory stays bounded: departures per state,"""
 STATES = 64
-"""the states of each requester, those that it was in last;"""
+"""states per requester,"""
 REQUESTERS = 64
-"""and the requesters."""
+"""and requesters; the most recent ones are kept."""
 
 
 @dataclass(frozen=True, slots=True)
 class Left:
-    """A state that a requester has left, before it is known for what. `since` is None where its beginning was not
-    seen."""
+    """A state that a requester has left, and for which it is not known yet where it leads. `since` is None if its
+    beginning was not observed."""
 
     names: Names
     since: float | None
@@ -32,7 +32,7 @@ class Left:
 
 @dataclass(frozen=True, slots=True)
 class Stay:
-    """What a requester asks for now, and since when by the clock of the loop."""
+    """What a requester asks for now, and since when by the loop's clock."""
 
     names: Names
     since: float | None
@@ -41,17 +41,17 @@ class Stay:
 
 @dataclass(frozen=True, slots=True)
 class Learning:
-    """What is known so far, and where each requester stands."""
+    """The model so far, and the present state of each requester."""
 
     learned: Learned = Learned()
     stays: Mapping[str, Stay] = field(default_factory=dict)
 
 
 def learn(events: Iterable[TraceEvent]) -> Learned:
-    """What a trace teaches. Nothing is requested when it begins."""
-    learning, held = Learning(), dict[str, dict[str, Names]]()
+    """Learn from a whole trace, which begins with no requests."""
+    learning, requests_of = Learning(), dict[str, dict[str, Names]]()
     for event in events:
-        requests = held.setdefault(event.requester, {})
+        requests = requests_of.setdefault(event.requester, {})
         requests[event.id] = event.services
         if event.requester not in learning.stays:
             learning = observe(learning, 0.0, event.requester, (), seen=True)
@@ -62,8 +62,8 @@ def learn(events: Iterable[TraceEvent]) -> Learned:
 
 
 def observe(learning: Learning, at: float, requester: str, names: Names, seen: bool = False) -> Learning:
-    """A requester asks for these from now on (`at`, seconds of any clock that goes forward). `seen`: it is known that
-    it has just begun to, though nothing was known of it before."""
+    """Note that a requester asks for these names from `at` on (seconds of any clock that never goes back). `seen` means
+    that it is known to have just begun, even if nothing was known about this requester."""
     stay = learning.stays.get(requester)
     if stay is None:
         return _with(learning, requester, Stay(names, at if seen else None))
@@ -78,8 +78,8 @@ def observe(learning: Learning, at: float, requester: str, names: Names, seen: b
 
 
 def observe_requests(learning: Learning, at: float, requests: Iterable[Request], first: bool = False) -> Learning:
-    """All that is asked for now, but for what manifests ask for as long as a requester runs. `first`: nobody has
-    looked before, so it is not known since when."""
+    """Note all current requests, except those that manifests make for a requester as long as it runs. `first`: this is
+    the first look, so nothing is known about how long the requests exist."""
     asked: dict[str, list[Names]] = {requester: [] for requester in learning.stays}
     for request in requests:
         if not request.standing:
@@ -101,7 +101,8 @@ def _with(learning: Learning, requester: str, stay: Stay) -> Learning:
 
 
 def _noted(learned: Learned, requester: str, stay: Stay) -> Learned:
-    """With the departure that led here, where it was seen whole."""
+    """Return what was learnt, with the departure that led to this state, if the state before was observed from its
+    beginning."""
     left = stay.left
     if left is None or left.since is None:
         return learned

@@ -1,4 +1,5 @@
-"""What live requests lose: services that were ready, and are so no more; and why, as a stable word."""
+"""What live requests lose: services that were ready and no longer are, with the cause as a stable word for clients to
+act on."""
 
 from __future__ import annotations
 
@@ -14,7 +15,7 @@ from rorg.model.graph import closure
 
 @dataclass(frozen=True, slots=True)
 class Loss:
-    """A service of live requests that is ready no more."""
+    """A service used by live requests that is no longer ready."""
 
     service: str
     cause: str
@@ -23,11 +24,11 @@ class Loss:
     incarnation: str
     """The run that was ready."""
     requests: tuple[str, ...]
-    """REQUESTER/ID of those that name it, or something that needs it."""
+    """REQUESTER/ID of the requests that use it directly or by need."""
 
 
 def ready_runs(decision: Decision) -> dict[str, str]:
-    """The runs that requests rely on, and that nothing is about to end."""
+    """Return runs that requests rely on and that no action is about to end."""
     memory, ending = decision.memory, _ending(decision)
     return {
         name: run for name in decision.situation.wanted if (run := memory.of(name).relied_on) and name not in ending
@@ -35,42 +36,44 @@ def ready_runs(decision: Decision) -> dict[str, str]:
 
 
 def losses(before: Mapping[str, str], now: Mapping[str, str], decision: Decision) -> list[Loss]:
-    """What was in `before` and is not in `now`, as far as a request that counts names it."""
-    gone = {name: run for name, run in before.items() if now.get(name) != run}
-    if not gone:
+    """Return what is in `before` and no longer in `now`, if a live request uses it."""
+    ended = {name: run for name, run in before.items() if now.get(name) != run}
+    if not ended:
         return []
     catalog, wanted = decision.situation.desired.catalog, decision.situation.wanted
     ending = _ending(decision)
-    holders: dict[str, list[str]] = {name: [] for name in gone}
+    holders: dict[str, list[str]] = {name: [] for name in ended}
     for request in (*catalog.requests, *decision.settled.requests):
         if request.requester in wanted:
             members = [m for s in request.services for m in catalog.members(s)]
-            # What is not declared any more has no members, and is lost all the same.
-            for name in gone.keys() & {*request.services, *closure(catalog.services, members)}:
+            # A service that is no longer declared has no members, but its loss counts too.
+            for name in ended.keys() & {*request.services, *closure(catalog.services, members)}:
                 holders[name].append(f"{request.requester}/{request.id}")
-    found = []
+    lost = []
     for name, requests in holders.items():
         if requests:
-            cause, reason = _cause(decision, name, gone[name], ending.get(name))
-            found.append(Loss(name, cause, reason, gone[name], tuple(requests)))
-    return found
+            cause, reason = _cause(decision, name, ended[name], ending.get(name))
+            lost.append(Loss(name, cause, reason, ended[name], tuple(requests)))
+    return lost
 
 
 def _ending(decision: Decision) -> dict[str, Action | None]:
-    """Services whose run is about to end by what rorg does, each with the action where there is one yet."""
-    found: dict[str, Action | None] = dict.fromkeys(
+    """Return services whose run rorg is about to end -> the action, if there is one already."""
+    restarting: dict[str, Action | None] = dict.fromkeys(
         n for n, run in decision.situation.restarts.items() if run == decision.memory.of(n).incarnation
     )
     planned = () if decision.situation.suspended or decision.violations else decision.plan.actions
     under_way = [flight.action for flight in decision.memory.in_flight.values()]
-    return found | {a.service: a for a in (*planned, *under_way) if ends(a, decision.memory.of(a.service).incarnation)}
+    return restarting | {
+        a.service: a for a in (*planned, *under_way) if ends(a, decision.memory.of(a.service).incarnation)
+    }
 
 
 def _cause(decision: Decision, name: str, run: str, action: Action | None) -> tuple[str, str]:
-    situation, step = decision.situation, decision.memory.of(name)
+    situation, progress = decision.situation, decision.memory.of(name)
     if name not in situation.wanted:
         services = situation.desired.catalog.services
-        # It is preempted itself, or what it is needed for does.
+        # Either it is preempted itself, or the service that needs it is.
         first = next(
             (n for n in (name, *situation.preempted) if n in situation.preempted and name in closure(services, [n])), ""
         )
@@ -81,23 +84,23 @@ def _cause(decision: Decision, name: str, run: str, action: Action | None) -> tu
         return ("replaced" if action.part_of is Part.REPLACE else "restarted"), action.reason
     if name in situation.restarts:
         return "restarted", "a restart was requested"
-    return _by_itself(step, run, action)
+    return _by_itself(progress, run, action)
 
 
-def _by_itself(step: Progress, run: str, action: Action | None) -> tuple[str, str]:
-    if run in (step.exited, step.hung):
-        return ("hung" if run == step.hung else "crashed"), step.error
+def _by_itself(progress: Progress, run: str, action: Action | None) -> tuple[str, str]:
+    if run in (progress.exited, progress.hung):
+        return ("hung" if run == progress.hung else "crashed"), progress.error
     if action is not None:
         return "ceased", action.reason
-    if step.incarnation not in ("", run):
+    if progress.incarnation not in ("", run):
         return "restarted", "another run has begun"
-    if step.running_since is not None:
-        return "unready", step.probe or "its probe says no"
+    if progress.running_since is not None:
+        return "unready", progress.probe or "its probe failed"
     return "ceased", "it no longer runs"
 
 
 def _exclusion(decision: Decision, name: str) -> str:
-    """Why a service is preempted: it, or something that it needs, is held or was shed; else others go first."""
+    """Return why a service is preempted: it or one of its needs is held or shed; otherwise others have priority."""
     names = closure(decision.situation.desired.catalog.services, [name])
     if names & set(decision.holds):
         return "held"

@@ -1,5 +1,8 @@
-"""What may be shown and recorded: whatever is secret is masked. This is the only rule of it, in two parts: masked()
-goes by where a declared value stands and what it looks like, a Masker by the values that manifests declare secret."""
+"""Masking of secrets, the only place that decides what may be shown and recorded.
+
+Two rules: masked() goes by the name and form of a declared value, and a Masker replaces the values that manifests
+declare secret.
+"""
 
 from __future__ import annotations
 
@@ -17,39 +20,42 @@ from rorg.model.secret_names import NAME, is_secret_name, secret_texts
 
 MASK = "***"
 KEPT = 256
-"""Secrets of earlier trees that are still looked for: containers and records of then may say them."""
+"""Number of secrets of earlier trees that are still masked: old containers and records may quote them."""
 _WORD = re.compile(
     r"created|running|restarting|removing|paused|exited|Healthy|Progressing|Degraded|Completed|Unknown|Synced|"
     r"OutOfSync|create|update|rename|signal|resume|remove|replace|restart|failed|withheld|preempted|suspended|"
     r"skipped|present|imported|pulled|docker|process|developer|Requested|Reconciling|Stalled|Updated|warning|"
     r"always|on-failure"
 )
-"""Words that programs read in what rorg answers: no secret, whoever has one of them for a value."""
+"""Words that programs read in rorg's answers. Masking them would break clients, so they are shown even if a secret has
+the same value."""
 _MARK = re.compile(r"\*{3}\(([0-9a-f]{12})\)")
-"""A secret as it stands in the record of a container: two that are equal look equal, and none can be read."""
+"""A secret in a container's label: equal secrets have equal marks, and the value cannot be recovered."""
 READ_BACK = ("image", "container_name", "volumes", "stop_signal", "stop_grace_period")
-"""Options of a container's record that rorg itself goes by: they stay as they are."""
+"""Options that rorg reads back from a container's label, so they are stored unmasked."""
 _VALUE = r"(?:\"[^\"]*\"|'[^']*'|[^\s'\"]\S*)"
 _SHORT = {
     re.compile(rf"(?:^|(?<=[\s/]))(?:{programs})(?=\s)"): (option, re.compile(rf"(?<=\s){option}"))
     for programs, option in ((r"(?:mysql|mariadb)[\w-]*+|sshpass", "-p"), (r"redis-cli", "-a"), (r"curl", "-u"))
 }
-"""Programs, and their option of one letter that takes a secret, with or without a space. Of others `-p` is a port."""
+"""Programs with a one-letter option that takes a secret, with or without a space. For other programs, `-p` is a
+port."""
 _WORD_BEGINS = r"(?<![\w.-])"
 _RULES = (
     (re.compile(r"(\b(?:bearer|basic)\s+)\S+", re.IGNORECASE), rf"\1{MASK}"),
     (re.compile(r"(://[^\s:/@]*:)[^\s@/]+@"), rf"\1{MASK}@"),
-    # NAME=value, NAME:=value (roslaunch), "NAME: value" (a header); a colon alone also parts the paths of a mount.
+    # NAME=value, NAME:=value (roslaunch), "NAME: value" (a header). A colon without a space is no match: it also
+    # separates the paths of a mount.
     (re.compile(rf"({_WORD_BEGINS}{NAME}(?::?=|:\s)\s*){_VALUE}", re.IGNORECASE), rf"\1{MASK}"),
     (re.compile(rf"((?:^|\s)--?{NAME}\s+){_VALUE}", re.IGNORECASE), rf"\1{MASK}"),
 )
-"""Each takes time linear in the text, which is anybody's."""
+"""Every pattern takes time linear in the text, because anyone can send long texts."""
 _ONE_VALUE = re.compile(rf"(\s*){_VALUE}")
 _NEXT_COMMAND = re.compile(r"[;|&\n]")
 
 
 def masked(field: str, value: Any) -> Any:
-    """The value of a declared field as it may be shown. Environments are shown by name alone."""
+    """Return the value of a declared field as it may be shown. Environment variables are shown by name only."""
     if value is None:
         return None
     if field.partition(".")[0] == "environment" or is_secret_name(field):
@@ -71,25 +77,25 @@ def _text(text: str) -> str:
 
 
 def _without_short(text: str, program: re.Pattern[str], option: re.Pattern[str]) -> str:
-    """The text without what stands behind this option of a program, in the same command."""
-    pieces, at = list[str](), 0
-    while found := program.search(text, at):
-        following = _NEXT_COMMAND.search(text, found.end() + 1)
-        end = len(text) if not following else following.start() + 3 * (following[0] == "\n")
-        word = option.search(text, found.end(), end)
-        value = _ONE_VALUE.match(text, word.end()) if word else None
-        if word is None or value is None:
-            behind = word.end() if word else end
-            pieces.append(text[at:behind])
-            at = behind
+    """Mask the value after this option of a program, within the same shell command."""
+    pieces, position = list[str](), 0
+    while program_match := program.search(text, position):
+        separator = _NEXT_COMMAND.search(text, program_match.end() + 1)
+        end = len(text) if not separator else separator.start() + 3 * (separator[0] == "\n")
+        option_match = option.search(text, program_match.end(), end)
+        value = _ONE_VALUE.match(text, option_match.end()) if option_match else None
+        if option_match is None or value is None:
+            rest_begins = option_match.end() if option_match else end
+            pieces.append(text[position:rest_begins])
+            position = rest_begins
         else:
-            pieces += (text[at : word.end()], value[1], MASK)
-            at = value.end()
-    return "".join([*pieces, text[at:]])
+            pieces += (text[position : option_match.end()], value[1], MASK)
+            position = value.end()
+    return "".join([*pieces, text[position:]])
 
 
 def _list(items: list[Any]) -> list[Any]:
-    """What follows the name of a secret option is its value."""
+    """Mask the item after the name of a secret option."""
     words = [item for item in items if isinstance(item, str)]
     named = [f"{word.rpartition('/')[2]} " for word in words]
     short = tuple(o for p, (o, _) in _SHORT.items() if any((m := p.match(n)) and m.end() == len(n) - 1 for n in named))
@@ -110,67 +116,68 @@ ASKED = re.compile(
     r"request '[A-Za-z0-9_.:-]{1,64}'|requested by [\w.-]{1,128} \([A-Za-z0-9_.:-]{1,64}\)|"
     r"is lost to [\w.-]{1,128}/[A-Za-z0-9_.:-]{1,64}(?:, [\w.-]{1,128}/[A-Za-z0-9_.:-]{1,64}){0,100}"
 )
-"""How rorg cites requests. Their ids are callers' own words: to hide one would tell its caller that it is a secret."""
+"""How rorg quotes requests. Their ids were chosen by callers: masking one would tell its caller that it equals a
+secret."""
 CITED = frozenset(("id", "request", "requested", "requester", "requests", "service", "services"))
-"""Keys of JSON whose texts are ids of requests and names."""
+"""JSON keys whose values are request ids and names."""
 
 
 class Masker:
-    """Knows values, and puts *** in their place wherever they stand."""
+    """Replaces known secret values by ***."""
 
     def __init__(self) -> None:
         self._known: dict[str, None] = {}
-        """The last ones last."""
+        """Values, most recent last."""
         self._forms: tuple[str, ...] = ()
-        """All that is looked for, what is longer first."""
+        """All spellings to look for, longest first."""
         self._parts: dict[str, Masker] = {}
-        """Of each service one that knows its own secrets; services of earlier trees first, the last KEPT of them."""
+        """Service -> masker with only its secrets; services of earlier trees first, at most KEPT of them."""
         self._names: tuple[str, ...] = ()
-        """Of services that other services declare: their words, which are shown though there is a secret in them."""
+        """Names of services that other services manage and that contain a secret. They are shown anyway."""
 
     def learn(self, catalog: Catalog | None) -> None:
-        """Looks for the secrets of a tree too. One that is part of what rorg has to say, the names of the tree and its
-        files among them, cannot be hidden."""
+        """Mask the secrets of this tree too. A secret that is part of what rorg itself must say, such as a service name
+        or a file name of the tree, cannot be masked."""
         if catalog is None:
             return
         managed = {n for n in catalog.services if any(s.manages(n) for s in catalog.services.values())}
-        said = "\n".join(_said(catalog, managed))
-        found = {s for s in secrets(catalog) if not _WORD.fullmatch(s) and s not in said}
-        self._look_for(found)
-        for name, own in _own_secrets(catalog).items():
-            part = self._parts.pop(name, None) or Masker()
-            part._look_for(own & found)
-            self._parts[name] = part
+        sayable = "\n".join(_said(catalog, managed))
+        to_mask = {s for s in secrets(catalog) if not _WORD.fullmatch(s) and s not in sayable}
+        self._look_for(to_mask)
+        for name, service_secrets in _own_secrets(catalog).items():
+            service_masker = self._parts.pop(name, None) or Masker()
+            service_masker._look_for(service_secrets & to_mask)
+            self._parts[name] = service_masker
         past = [*self._parts][: -len(catalog.services) or None]
         for name in past[:-KEPT]:
             del self._parts[name]
         self._names = tuple(name for name in managed if any(form in name for form in self._forms))
 
-    def _look_for(self, found: set[str]) -> None:
-        if not found <= self._known.keys():
-            rest = [s for s in self._known if s not in found]
-            self._known = dict.fromkeys([*rest[-KEPT:], *sorted(found)])
+    def _look_for(self, values: set[str]) -> None:
+        if not values <= self._known.keys():
+            others = [s for s in self._known if s not in values]
+            self._known = dict.fromkeys([*others[-KEPT:], *sorted(values)])
             self._forms = forms(self._known)
 
     def of(self, service: object, unknown: Masker | None = None) -> Masker:
-        """For texts about one service, which it may have written itself: it knows the secrets of that service alone,
-        or a service could write what it guesses and see whether that is hidden. `unknown`: of a service of no tree."""
+        """Return the masker for texts of one service. It knows only that service's secrets: otherwise a service could
+        print guesses and see which of them are masked. `unknown` is used for services of no known tree."""
         return self._parts.get(service, unknown or self) if isinstance(service, str) else self
 
     def text(self, text: str) -> str:
-        """A text as it may be shown."""
+        """Return the text as it may be shown."""
         if not any(form in text for form in self._forms):
             return text
-        kept = [found[0] for found in ASKED.finditer(text)] + [name for name in self._names if name in text]
-        for index, words in enumerate(kept):
+        protected = [match[0] for match in ASKED.finditer(text)] + [name for name in self._names if name in text]
+        for index, words in enumerate(protected):
             text = text.replace(words, f"\ue000{index}\ue001")
         text = hidden(text, self._forms)
-        for index, words in reversed([*enumerate(kept)]):
+        for index, words in reversed([*enumerate(protected)]):
             text = text.replace(f"\ue000{index}\ue001", words)
         return text
 
     def value(self, value: Any) -> Any:
-        """Plain JSON, likewise: of mappings the values, never the keys."""
+        """Return plain JSON as it may be shown; keys of mappings are never masked."""
         if isinstance(value, str):
             return self.text(value)
         if isinstance(value, Mapping) and self._forms:
@@ -178,8 +185,8 @@ class Masker:
         return [self.value(item) for item in value] if isinstance(value, list | tuple) and self._forms else value
 
     def json(self, text: str) -> str:
-        """The text of a JSON value, with the white space at its end, likewise. It is only taken apart where there is a
-        secret in it."""
+        """Return JSON text as it may be shown, with its trailing white space. It is parsed only if it contains a
+        secret."""
         if not any(form in text for form in self._forms):
             return text
         try:
@@ -189,60 +196,65 @@ class Masker:
 
     @property
     def knows(self) -> bool:
-        """Whether there is anything to hide."""
+        """Whether there is anything to mask."""
         return bool(self._forms)
 
 
 def _cited(key: Any, item: Any) -> bool:
-    """Whether a value is an id or a name, or several."""
+    """Return whether a value is an id or a name, or a list of them."""
     items = item if isinstance(item, list) else [item]
-    return key in CITED and all(isinstance(one, str) for one in items)
+    return key in CITED and all(isinstance(each, str) for each in items)
 
 
 def _own_secrets(catalog: Catalog) -> dict[str, set[str]]:
-    """Service -> its secrets, those of the Images that it is made from included."""
-    found = {}
+    """Return service -> its secrets, including those of the Images it is built from."""
+    secrets_by_service = {}
     for service in catalog.services.values():
-        own = {*secrets_of(service.spec or {}, service.secrets)}
-        pending, seen = [str((service.spec or {}).get("image", ""))], set[str]()
+        service_secrets = {*secrets_of(service.spec or {}, service.secrets)}
+        pending, seen_images = [str((service.spec or {}).get("image", ""))], set[str]()
         while pending:
             image = catalog.images.get(declared(pending.pop(), catalog.images) or "")
-            if image is not None and image.name not in seen:
-                seen.add(image.name)
+            if image is not None and image.name not in seen_images:
+                seen_images.add(image.name)
                 pending += image.bases
-                own |= {image.args[name] for name in image.secrets}
-        own |= set(secret_texts("", service.ros.values)) if service.ros else set()
-        found[service.name] = own
-    return found
+                service_secrets |= {image.args[name] for name in image.secrets}
+        service_secrets |= set(secret_texts("", service.ros.values)) if service.ros else set()
+        secrets_by_service[service.name] = service_secrets
+    return secrets_by_service
 
 
 def secrets(catalog: Catalog) -> set[str]:
-    """All values that are secret, without those that are too short to be told from other text."""
-    found = {v for s in catalog.services.values() for v in secrets_of(s.spec or {}, s.secrets)}
-    found |= {i.args[name] for i in catalog.images.values() for name in i.secrets}
-    found |= {v for s in catalog.services.values() if s.ros for v in secret_texts("", s.ros.values)}
-    return {value for value in found if len(value) >= SHORTEST_SECRET}
+    """Return all secret values, without those too short to be distinguished from ordinary text."""
+    values = {v for s in catalog.services.values() for v in secrets_of(s.spec or {}, s.secrets)}
+    values |= {i.args[name] for i in catalog.images.values() for name in i.secrets}
+    values |= {v for s in catalog.services.values() if s.ros for v in secret_texts("", s.ros.values)}
+    return {value for value in values if len(value) >= SHORTEST_SECRET}
 
 
 def secrets_of(spec: Spec, names: Iterable[str]) -> list[str]:
-    """The values of these variables of a container."""
+    """Return the values of these environment variables."""
     environment = spec.get("environment", {})
     return [environment[name] for name in names if environment.get(name)]
 
 
 def forms(values: Iterable[str]) -> tuple[str, ...]:
-    """What to look for: each value as it is, and as JSON, YAML, shells and URLs write it; each line too."""
-    found: set[str] = set()
+    """Return every spelling of these values to look for: plain, and as JSON, YAML, shells and URLs write them; also
+    every single line."""
+    spellings: set[str] = set()
     for value in values:
         for text in {value, *value.splitlines()}:
-            plain = {text, text.strip(), " ".join(text.split()), text.replace("'", "''")}
-            found |= plain | {json.dumps(text)[1:-1], json.dumps(text, ensure_ascii=False)[1:-1], repr(text)[1:-1]}
-            found |= {shlex.quote(text).strip("'"), quote(text), quote(text, safe="")}
-    return tuple(sorted((f for f in found if len(f) >= SHORTEST_SECRET), key=lambda f: (-len(f), f)))
+            variants = {text, text.strip(), " ".join(text.split()), text.replace("'", "''")}
+            spellings |= variants | {
+                json.dumps(text)[1:-1],
+                json.dumps(text, ensure_ascii=False)[1:-1],
+                repr(text)[1:-1],
+            }
+            spellings |= {shlex.quote(text).strip("'"), quote(text), quote(text, safe="")}
+    return tuple(sorted((f for f in spellings if len(f) >= SHORTEST_SECRET), key=lambda f: (-len(f), f)))
 
 
 def hidden(text: str, values: Iterable[str]) -> str:
-    """The text without these. The longer ones come first."""
+    """Return the text with these values masked. Pass longer ones first, or a part of a longer value would remain."""
     for value in values:
         if value in text:
             text = text.replace(value, MASK)
@@ -250,7 +262,8 @@ def hidden(text: str, values: Iterable[str]) -> str:
 
 
 def _said(catalog: Catalog, managed: Collection[str]) -> Iterable[str]:
-    """What rorg has to say of a tree, without what services declare: by that nobody shows a secret of another."""
+    """Return the texts that rorg must be able to say about a tree. Names chosen by managed services are left out, so
+    that none of them can expose a secret by declaring it as a name."""
     yield from catalog.services.keys() - set(managed)
     yield from catalog.groups
     yield from catalog.images
@@ -266,24 +279,24 @@ def _said(catalog: Catalog, managed: Collection[str]) -> Iterable[str]:
 
 
 def marked(option: str, value: Any, values: Iterable[str]) -> Any:
-    """An option as the record of a container has it: secrets in its texts are told apart, and cannot be read."""
-    found = [(v, f"{MASK}({_hash(v)})") for v in sorted(values, key=len, reverse=True) if len(v) >= SHORTEST_SECRET]
-    return _marked(value, found) if found and option not in READ_BACK else value
+    """Return an option for a container's label, with secrets replaced by marks."""
+    marks = [(v, f"{MASK}({_hash(v)})") for v in sorted(values, key=len, reverse=True) if len(v) >= SHORTEST_SECRET]
+    return _marked(value, marks) if marks and option not in READ_BACK else value
 
 
-def _marked(value: Any, found: list[tuple[str, str]]) -> Any:
+def _marked(value: Any, marks: list[tuple[str, str]]) -> Any:
     if isinstance(value, str):
-        for secret, mark in found:
+        for secret, mark in marks:
             value = value.replace(secret, mark)
         return value
     if isinstance(value, dict):
-        return {key: _marked(item, found) for key, item in value.items()}
-    return [_marked(item, found) for item in value] if isinstance(value, list) else value
+        return {key: _marked(item, marks) for key, item in value.items()}
+    return [_marked(item, marks) for item in value] if isinstance(value, list) else value
 
 
 def same(a: Any, b: Any) -> bool:
-    """Whether two options are equal, where one may have marks where the other has what they stand for: that a value is
-    declared secret, or is so no more, changes no container."""
+    """Return whether two options are equal, comparing marks with the plain text they stand for. So declaring a value
+    secret, or no longer secret, replaces no container."""
     if isinstance(a, str) and isinstance(b, str):
         return a == b or _stands_for(a, b) or _stands_for(b, a)
     if isinstance(a, dict) and isinstance(b, dict):
@@ -294,11 +307,11 @@ def same(a: Any, b: Any) -> bool:
 
 
 def _stands_for(with_marks: str, plain: str) -> bool:
-    before, *rest = _MARK.split(with_marks)
-    if len(rest) != 2 or len(plain) < len(before) + len(rest[1]):
+    prefix, *rest = _MARK.split(with_marks)
+    if len(rest) != 2 or len(plain) < len(prefix) + len(rest[1]):
         return False
-    secret = plain.removeprefix(before).removesuffix(rest[1])
-    return plain == before + secret + rest[1] and _hash(secret) == rest[0]
+    secret = plain.removeprefix(prefix).removesuffix(rest[1])
+    return plain == prefix + secret + rest[1] and _hash(secret) == rest[0]
 
 
 def _hash(value: str) -> str:

@@ -1,4 +1,5 @@
-"""What the loop remembers from one pass to the next, frozen: every step returns a new memory."""
+"""What the loop remembers between passes. All values are frozen: each step returns a new memory, so a pass that is
+aborted leaves no trace."""
 
 from __future__ import annotations
 
@@ -7,10 +8,10 @@ from dataclasses import dataclass, field, replace
 
 from rorg.core.admission import Admitted
 from rorg.core.backoff import STALLED_AFTER
-from rorg.core.foresight import Foresight
 from rorg.core.observed import Container
 from rorg.core.operations import Operation, Start
 from rorg.core.plan import Action
+from rorg.core.prediction import PredictionState
 from rorg.core.pressure import NONE as CALM
 from rorg.core.pressure import Pressure
 from rorg.core.propagation import CountedOn
@@ -19,40 +20,42 @@ from rorg.model.catalog import Probe, Request, Service
 from rorg.model.former import Kept
 
 MOST_STOPPED = 16
-"""Runs of a service of which it is remembered that we stopped them."""
+"""Number of runs per service that are remembered as stopped by rorg."""
 DEFAULT_GRACE = 5.0
-"""Seconds between the stop signal and SIGTERM, where stop_grace_period is not declared."""
+"""Seconds between the stop signal and SIGTERM if `stop_grace_period` is not declared."""
 
 
 @dataclass(frozen=True, slots=True)
 class ProbeResult:
-    """What the last probe of a service found. `at` is the loop's clock in seconds when the probe began."""
+    """The last result of a probe. `at` is when the probe began, by the loop's clock in seconds."""
 
     incarnation: str
     ok: bool
     at: float
     message: str = ""
     failures: int = 0
-    """Failures in a row."""
+    """Consecutive failures."""
 
 
-def together(probe: Probe, found: Sequence[ProbeResult | None]) -> ProbeResult | None:
-    """What the answers to all questions of a probe say of the whole, in their order; None for one that is not there
-    yet. It holds when all do, and is as old as the oldest. None while there is no answer at all."""
-    known = [one for one in found if one is not None]
-    if not known or len(found) == 1:
-        return found[0]
-    said = [
-        f"{part} has not answered yet" if one is None else one.message
-        for part, one in zip(probe.questions, found, strict=True)
-        if one is None or not one.ok
+def together(probe: Probe, results: Sequence[ProbeResult | None]) -> ProbeResult | None:
+    """Combine the results of all questions of a probe, in their order; None stands for a missing result.
+
+    The whole is ok if all are, and as old as the oldest. None if there is no result at all.
+    """
+    known = [result for result in results if result is not None]
+    if not known or len(results) == 1:
+        return results[0]
+    problems = [
+        f"{part} has not answered yet" if result is None else result.message
+        for part, result in zip(probe.questions, results, strict=True)
+        if result is None or not result.ok
     ]
     return ProbeResult(
         known[0].incarnation,
-        not said,
-        min(one.at for one in known),
-        "; ".join(dict.fromkeys(said)),
-        max(one.failures for one in known),
+        not problems,
+        min(result.at for result in known),
+        "; ".join(dict.fromkeys(problems)),
+        max(result.failures for result in known),
     )
 
 
@@ -62,21 +65,21 @@ ProbeResults = Mapping[tuple[str, str], ProbeResult]
 
 @dataclass(frozen=True, slots=True)
 class Attempt:
-    """Of one kind of operation on one service."""
+    """The last attempts of one kind of operation on one service."""
 
     signature: tuple[str, ...] = ()
-    """The action, and what was observed when it was begun."""
+    """The action, and what was observed when it began."""
     count: int = 0
-    """How often that same action was begun with nothing observed to change."""
+    """How often the same action began in a row without any observed change."""
     at: float = 0.0
-    """Not to be begun again before this time."""
+    """The earliest time of the next attempt."""
     error: str = ""
     missing: bool = False
-    """It failed since its image, or its program, is not on this machine: trying again does not help."""
+    """It failed because an image or program is missing here, so retrying does not help."""
     spent: bool = False
-    """It failed since the engine will never start that container again: another one does help."""
+    """It failed because the engine will never start this container again; a new container helps."""
     unsupported: bool = False
-    """It failed since the engine cannot do that at all."""
+    """It failed because the engine does not support the operation."""
 
 
 NO_ANSWER = "it does not answer any more"
@@ -85,70 +88,70 @@ NO_ANSWER = "it does not answer any more"
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """Of one service. Times are of the loop's monotonic clock, in seconds."""
+    """The memory of one service. Times are of the loop's monotonic clock, in seconds."""
 
     unwanted_since: float | None = None
     ceased_since: float | None = None
-    """Since when it is unwanted and does not run."""
+    """Since when it is unwanted and not running."""
     incarnation: str = ""
     running_since: float | None = None
-    """Since when its incarnation runs, as far as seen; a resume begins it anew."""
+    """Since when its incarnation was seen running; a resume resets it."""
     ready: bool = False
     was_ready: bool = False
-    """This run was ready once."""
+    """Whether this run was ever ready."""
     well_since: float | None = None
-    """Since when this run is ready and answers its `live` probe, without a break."""
+    """Since when this run has been ready and answering its `live` probe without interruption."""
     unproven_since: float | None = None
-    """The moment of which its next verdict speaks, once that has passed: the verdict waits for a look at its container,
-    and for answers of its probes, that begin after it."""
+    """A verdict is due about this moment. It needs a look at the container and probe results that began later, because
+    older ones say nothing about that moment."""
     probe: str = ""
-    """What the last probe said."""
+    """The last probe's message."""
     answered: float | None = None
-    """When the last readiness probe of this run began that said yes."""
+    """When the last successful readiness probe of this run began."""
     denied: float | None = None
-    """The same of one that said no after a yes."""
+    """When the last readiness probe began that failed after a success."""
     relied_on: str = ""
-    """The incarnation that is wanted and ready; also one that was ready under the last rorg and has not yet answered
-    this one. Requests lose it when it goes."""
+    """The incarnation that is wanted and ready. After a restart of rorg, also one that was ready before and has not
+    been probed yet, so that a restart of rorg alone costs no request its service."""
     exits: int = 0
-    """Exits in a row while wanted, short of a stable run."""
+    """Consecutive exits while wanted, reset by a stable run."""
     exited: str = ""
     """The incarnation whose exit was counted last."""
     stopped: tuple[str, ...] = ()
-    """The incarnations, the newest last, that we stopped ourselves, or that ended while nobody wanted them: their exit
-    is no failure. Of containers that are there, a run each: the one that is kept may come back after others."""
+    """Incarnations that rorg stopped, or that ended while unwanted, newest last: their exit is no failure. One run per
+    existing container, because a kept previous container may come back later."""
     doubted_since: float | None = None
-    """Since when a run goes on that was being stopped, by an rorg that was killed or by a call that failed."""
+    """Since when a run that was being stopped goes on: rorg was killed meanwhile, or the call failed."""
     counted_on: CountedOn = CountedOn()
     begun: Mapping[str, str] | None = None
-    """Once we begin a start, until it is seen to run: the runs of what it follows, as they were then."""
+    """From rorg's start call until the service is seen running: the runs of its needs at that time."""
     hung: str = ""
-    """The incarnation that did not answer its `live` probe any more."""
+    """The incarnation that stopped answering its `live` probe."""
     crashes: int = 0
-    """Unexpected ends since it is declared, hung incarnations included."""
+    """Unexpected ends since the service was declared, including hung runs."""
     attempts: Mapping[str, Attempt] = field(default_factory=dict)
-    """By the verb of the operation. What fails of one holds back no other."""
+    """By verb. A failure of one operation does not hold back the others."""
     error: str = ""
     parameters: str = ""
-    """What its ROS parameters were last set for (see ros_parameters.py)."""
+    """For which runs and values its ROS parameters were last set (see ros_parameters.py)."""
     not_set: str = ""
     """Why the last attempt to set them failed."""
     update: Update = Update()
 
     def with_stopped(self, run: str) -> Progress:
-        """From now on the end of this run is our doing."""
+        """Note that rorg ends this run."""
         if run in self.stopped:
             return self
         others = [known for known in self.stopped if known.partition("@")[0] != run.partition("@")[0]]
         return replace(self, stopped=(*others[-(MOST_STOPPED - 1) :], run))
 
     def spent(self, container: Container) -> bool:
-        """The engine will not start it again."""
+        """Return whether the engine will never start this container again."""
         tried = self.attempt(Start)
         return tried is not None and tried.spent and tried.signature[:1] == (container.id,)
 
     def over(self, service: Service, container: Container) -> bool:
-        """It ended by itself while wanted, and its restart policy leaves it at that."""
+        """Return whether it ended on its own while wanted and its restart policy does not restart it."""
         return (
             container.state == "exited"
             and self.exited == container.incarnation
@@ -156,18 +159,19 @@ class Progress:
         )
 
     def attempt(self, operation: Operation | type[Operation]) -> Attempt | None:
-        """The last attempt of this kind of operation, if there was any."""
+        """Return the last attempt of this kind of operation, if any."""
         return self.attempts.get(operation.verb)
 
     def attempting(self, operation: Operation | type[Operation], attempt: Attempt) -> Progress:
+        """Note an attempt."""
         return replace(self, attempts={**self.attempts, operation.verb: attempt})
 
     def start_after(self, at: float, error: str) -> Progress:
-        """With the next start put off, because of an error."""
+        """Postpone the next start because of an error."""
         return replace(self.attempting(Start, Attempt(at=at, error=error)), error=error)
 
     def start_forgotten(self) -> Progress:
-        """Without what earlier starts came to: the next one need not wait."""
+        """Forget earlier starts, so that the next one need not wait."""
         return replace(self, attempts={verb: tried for verb, tried in self.attempts.items() if verb != Start.verb})
 
     @property
@@ -176,18 +180,18 @@ class Progress:
 
     @property
     def missing(self) -> bool:
-        """What it is to run is not on this machine."""
+        """Whether an image or program it needs is missing on this machine."""
         return any(t.missing for t in self.attempts.values())
 
     @property
     def retry_at(self) -> float:
-        """When the last of the attempts that were put off is due."""
+        """When the last of its postponed attempts is due."""
         return max((t.at for t in self.attempts.values()), default=0.0)
 
 
 @dataclass(frozen=True, slots=True)
 class InFlight:
-    """An action that a worker has, and since when, by the loop's clock."""
+    """An action that a worker executes, and since when by the loop's clock."""
 
     action: Action
     since: float
@@ -195,8 +199,7 @@ class InFlight:
 
 @dataclass(frozen=True, slots=True)
 class Due:
-    """A restart that somebody asked for: when (ISO 8601, UTC), and which run is to end by it; "" where there was no
-    container."""
+    """A requested restart: when it is due (ISO 8601, UTC), and the run it must end ("" if there was no container)."""
 
     stamp: str
     run: str
@@ -204,7 +207,7 @@ class Due:
 
 @dataclass(frozen=True, slots=True)
 class Lease:
-    """When a request runs out, by the loop's clock. `stamp` changes with every renewal."""
+    """When a request expires, by the loop's clock. `stamp` changes with every renewal."""
 
     stamp: str
     until: float
@@ -212,7 +215,7 @@ class Lease:
 
 @dataclass(frozen=True, slots=True)
 class Memory:
-    """All that a pass passes on to the next one."""
+    """Everything that a pass hands to the next one."""
 
     progress: Mapping[str, Progress] = field(default_factory=dict)
     in_flight: Mapping[str, InFlight] = field(default_factory=dict)
@@ -220,13 +223,13 @@ class Memory:
     """By (requester, id)."""
     pressure: Pressure = CALM
     admitted: Admitted | None = None
-    """Of the last pass: a cache, which changes nothing if it is missing."""
+    """The admission of the last pass, to be reused; without it the result is the same."""
     asked: tuple[Request, ...] | None = None
     """The requests of the last pass; None before the first one."""
     restarts: Mapping[str, Due] | None = None
-    """Restarts that are asked for, by service; None until the first look at what is there."""
+    """Requested restarts by service; None before the first complete observation."""
     kept: Kept = Kept()
-    foresight: Foresight = Foresight()
+    prediction: PredictionState = PredictionState()
 
     def of(self, service: str) -> Progress:
         return self.progress.get(service, NONE)

@@ -1,5 +1,8 @@
-"""Normal forms of declared options: two that make the same container are equal. Used for comparing only; what is sent
-and digested stays as it was declared, so that no new version of rorg replaces a container by itself."""
+"""Normal forms of declared options: two values that make the same container have the same normal form.
+
+They are used for comparison only. The engine and the digest get the values as declared, so that an upgrade of rorg with
+better normal forms replaces no container.
+"""
 
 from __future__ import annotations
 
@@ -7,46 +10,48 @@ import signal
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from rorg.model.options import OPTIONS
 from rorg.model.ports import parse_expose, parse_ports
 from rorg.model.volumes import parse_device, parse_tmpfs, parse_volume, same_path
 
-Turn = Callable[[Any], Any]
+Normalize = Callable[[Any], Any]
 NOTHING = None
-"""The normal form of what is as if it had not been declared."""
+"""The normal form of a value that has the same effect as declaring nothing."""
 
 
 _NO_MODES = frozenset(("rw", "rprivate", "consistent", "cached", "delegated"))
-"""What a volume is by itself, or what means nothing on Linux."""
+"""Volume modes that are Docker's default, or have no effect on Linux."""
 
 
-def _flag(value: Any) -> Any:
-    return NOTHING if value is False else value
-
-
-def _each(turn: Turn) -> Turn:
-    """A list in which neither order nor repetition matters."""
+def _each(normalize: Normalize) -> Normalize:
+    """Normalize a list in which neither order nor repetition matters."""
 
     def run(value: Any) -> Any:
-        found = {repr(new): new for new in (_tried(turn, item) for item in value)}
-        return [found[key] for key in sorted(found)] or NOTHING
+        by_text = {
+            repr(normalized): normalized for normalized in (_normalized_or_same(normalize, item) for item in value)
+        }
+        return [by_text[key] for key in sorted(by_text)] or NOTHING
 
     return run
 
 
-def _tried(turn: Turn, value: Any) -> Any:
-    """What was declared for an old container may be what would be refused today."""
+def _normalized_or_same(normalize: Normalize, value: Any) -> Any:
+    """Normalize a value, or return it unchanged: an old container may carry values that today's rules refuse."""
     try:
-        return turn(value)
+        return normalize(value)
     except (ValueError, TypeError, AttributeError, LookupError, OverflowError, RecursionError):
         return value
 
 
-def _spread(turn: Callable[[str], list[str]]) -> Turn:
-    """A list of which each item stands for several."""
+def _spread(normalize: Callable[[str], list[str]]) -> Normalize:
+    """Normalize a list in which one item can stand for several, such as a range of ports."""
 
     def run(value: Any) -> Any:
-        several = (_tried(turn, item) for item in value)
-        return sorted({one for many in several for one in (many if isinstance(many, list) else [many])}) or NOTHING
+        results = (_normalized_or_same(normalize, item) for item in value)
+        return (
+            sorted({single for values in results for single in (values if isinstance(values, list) else [values])})
+            or NOTHING
+        )
 
     return run
 
@@ -56,7 +61,7 @@ def _ports(text: str) -> list[str]:
 
 
 def _paths(value: Any) -> Any:
-    """Here an empty list is something else than none: nothing is masked."""
+    """Keep an empty list: for masked paths it means "mask nothing", which differs from Docker's default."""
     return sorted(set(value))
 
 
@@ -64,11 +69,7 @@ def _same(value: Any) -> Any:
     return value
 
 
-def _full(value: Any) -> Any:
-    return value or NOTHING
-
-
-def _among(*defaults: Any) -> Turn:
+def _among(*defaults: Any) -> Normalize:
     return lambda value: NOTHING if value in defaults else value
 
 
@@ -96,7 +97,7 @@ def _tmpfs(text: str) -> str:
 
 
 def _security(text: str) -> str:
-    """The engine still takes the colon of old."""
+    """Docker still accepts the old form with a colon."""
     name, colon, value = text.partition(":")
     text = f"{name}={value}" if colon and "=" not in name else text
     return "no-new-privileges" if text == "no-new-privileges=true" else text
@@ -114,7 +115,7 @@ def _restart(text: str) -> Any:
 
 
 def _hosts(value: Any) -> Any:
-    """The first address of a name counts, so their order does."""
+    """Keep the order of addresses of one name, because the first one counts."""
     return sorted(value, key=lambda item: item.partition(":")[0]) or NOTHING
 
 
@@ -135,72 +136,18 @@ def _limit(value: Any) -> Any:
     return NOTHING if value <= 0 else value
 
 
-_SETS: Mapping[str, Turn] = {
-    "cap_add": _capability,
-    "cap_drop": _capability,
-    "device_cgroup_rules": _same,
-    "devices": _device,
-    "group_add": _same,
-    "gpus": _same,
-    "links": _same,
-    "security_opt": _security,
-    "tmpfs": _tmpfs,
-    "volumes": _volume,
-}
-_FLAGS = ("network_disabled", "oom_kill_disable", "privileged", "publish_all_ports", "read_only", "stdin_open", "tty")
-_EMPTY = (
-    "annotations",
-    "blkio_config",
-    "command",
-    "dns",
-    "dns_opt",
-    "dns_search",
-    "domainname",
-    "env_file",
-    "hostname",
-    "ipc",
-    "labels",
-    "pid",
-    "storage_opt",
-    "sysctls",
-    "ulimits",
-    "user",
-    "userns_mode",
-    "uts",
-    "volumes_from",
-    "cgroup_parent",
-    "working_dir",
-    "mac_address",
-    "runtime",
-    "volume_driver",
-    "platform",
-    "cpuset",
-    "cpuset_mems",
-)
-_TURNS: Mapping[str, Turn] = {
-    **{name: _each(turn) for name, turn in _SETS.items()},
-    **dict.fromkeys(_FLAGS, _flag),
-    **dict.fromkeys(_EMPTY, _full),
-    **dict.fromkeys(
-        (
-            "cpu_period",
-            "cpu_quota",
-            "cpu_rt_period",
-            "cpu_rt_runtime",
-            "cpu_shares",
-            "cpus",
-            "mem_limit",
-            "mem_reservation",
-            "memswap_limit",
-            "oom_score_adj",
-            "shm_size",
-        ),
-        _among(0),
-    ),
+_NORMALIZERS: Mapping[str, Normalize] = {
+    "cap_add": _each(_capability),
+    "cap_drop": _each(_capability),
+    "device_cgroup_rules": _each(_same),
+    "devices": _each(_device),
     "expose": _spread(parse_expose),
     "extra_hosts": _hosts,
+    "gpus": _each(_same),
+    "group_add": _each(_same),
     "healthcheck": _healthcheck,
     "isolation": _among("", "default"),
+    "links": _each(_same),
     "masked_paths": _paths,
     "network_mode": _among("", "default", "bridge"),
     "networks": _networks,
@@ -208,16 +155,23 @@ _TURNS: Mapping[str, Turn] = {
     "ports": _spread(_ports),
     "readonly_paths": _paths,
     "restart": _restart,
+    "security_opt": _each(_security),
     "stop_signal": _signal,
+    "tmpfs": _each(_tmpfs),
+    "volumes": _each(_volume),
 }
 
 
 def normal(option: str, value: Any) -> Any:
-    """The normal form of one option's value; None for what is as if it had not been declared."""
-    return value if value is None or option not in _TURNS else _tried(_TURNS[option], value)
+    """Return the normal form of one option; None if it has the same effect as declaring nothing."""
+    if value is None:
+        return None
+    if option in _NORMALIZERS:
+        return _normalized_or_same(_NORMALIZERS[option], value)
+    return value or NOTHING if option in OPTIONS and OPTIONS[option].empty else value
 
 
 def normal_fields(fields: Mapping[str, Any]) -> dict[str, Any]:
-    """All declared fields of a container in normal form."""
-    found = {name: normal(name, value) for name, value in fields.items()}
-    return {name: value for name, value in found.items() if value is not NOTHING}
+    """Return all declared fields of a container in normal form."""
+    normalized = {name: normal(name, value) for name, value in fields.items()}
+    return {name: value for name, value in normalized.items() if value is not NOTHING}

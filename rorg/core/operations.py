@@ -1,12 +1,12 @@
-"""The operations of a plan: one engine call each, one frozen class each.
+"""The operations of a plan: one frozen class per engine call.
 
-A class carries what the call needs as typed fields, and what everyone else must know of it as facts: in which states
-the engine takes it, what it leaves, whether it begins or ends a run. Planner, gates, `check`, status, standing, workers
-and simulator decide by class and by these facts; names are only for people and for JSON. So a new operation is a class
-here and a case in `engines/execute.py`, and a misspelt field is an error of the type checker.
+A class holds the call's arguments as typed fields, and facts that others need: in which states the engine accepts the
+call, what it leaves behind, whether it begins or ends a run. Planner, checks, status, workers and simulator decide by
+class and by these facts; names are for people and JSON. To add an operation, add a class here and a case in
+`engines/execute.py`; the type checker finds misspelt fields.
 
-Docker's rules for the states: a paused container cannot be started (409), only resumed; a running one cannot be removed
-without force, which rorg never uses, since it would skip the service's own stop signal.
+Docker's rules for states: a paused container cannot be started (409), only resumed. A running one cannot be removed
+without force, and rorg never uses force because it would skip the service's stop signal.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from rorg.model.objects import Kind
 from rorg.model.units import format_seconds
 
 ANY = frozenset[str]()
-"""In whatever state the container is."""
+"""Accepted in any state of the container."""
 ID = 12
-"""Digits of a container's id that people read."""
+"""Digits of a container's id that are shown to people."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,56 +30,56 @@ class Operation:
     """One engine call on one container."""
 
     verb: ClassVar[str]
-    """Its name in texts and in JSON."""
+    """Its name in texts and JSON."""
     symbol: ClassVar[str]
-    """Its mark in the text of a plan."""
+    """Its symbol in the text of a plan."""
     states: ClassVar[frozenset[str]] = ANY
-    """States of the container in which the engine takes it."""
+    """States of the container in which the engine accepts it."""
     leaves: ClassVar[str] = ""
-    """The container's state afterwards, if nothing else about it changes; empty if only a look can tell."""
+    """The container's state afterwards; "" if only another look can tell."""
     begins: ClassVar[bool] = False
-    """The service becomes active by it."""
+    """The service becomes active."""
     idles: ClassVar[bool] = False
-    """The service is not active afterwards: nobody can count on it."""
+    """The service is not active afterwards, so nothing can rely on it."""
     ends: ClassVar[bool] = False
-    """Nobody may count on the current run any more. A pause is among these: what is paused answers nobody."""
+    """Nothing may rely on the current run any more. Pause is included: a paused program does not answer."""
     felt: ClassVar[bool] = True
-    """The program, and so its hardware, may feel it: an interlock holds it back."""
+    """The program and its hardware may notice it, so an interlock holds it back."""
     optional: ClassVar[bool] = False
-    """The rest of the chain does not need it: if it must wait, the rest goes on."""
+    """The rest of the chain does not need it and goes on if this operation must wait."""
     brings_up: ClassVar[bool] = False
-    """One of the calls that lead an idle service to activity: urgent while a live request waits for that."""
+    """It brings an idle service up: urgent while a live request waits for that."""
 
     container: str = ""
-    """Id of the container; empty for the one that an earlier operation of the chain creates."""
+    """Id of the container; "" for the one that an earlier operation of the chain creates."""
 
     def details(self) -> tuple[str, ...]:
-        """What the call does beyond its name, in the canonical text of a plan. No values of the environment."""
+        """Return what the call does besides its name, for the text of a plan. Never values of the environment."""
         return ()
 
     @property
     def attempted(self) -> str:
-        """What tells attempts on the same container apart: the same one three times in vain is a stall."""
+        """Distinguishes attempts on the same container: three identical ones without effect are a stall."""
         return ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Create(Operation):
-    """Make a container and do not start it."""
+    """Create a container without starting it."""
 
     verb, symbol = "create", "+"
     felt, brings_up = False, True
 
     name: str
     spec: Mapping[str, Any]
-    """What is sent to the engine."""
+    """The spec as sent to the engine."""
     labels: Mapping[str, str]
     digest: str
-    """Of the declared spec: a different one is a new attempt, with no back-off from the last."""
+    """Of the declared spec. Another digest is a new attempt without back-off."""
     before: str = ""
-    """Id of an older container of the service, whose unnamed volumes it takes over."""
+    """Id of an older container of the service, whose anonymous volumes are taken over."""
     defaults: Collection[str] = ()
-    """Options of the spec that no manifest sets: an image's own value goes first."""
+    """Options that no manifest sets: the image's own value has priority."""
 
     @property
     def attempted(self) -> str:
@@ -98,11 +98,11 @@ class Start(Operation):
     begins = brings_up = True
 
     trial: str = ""
-    """The edition that this start tries; empty if it is no trial (see rollout.py)."""
+    """The edition on trial; "" if this start is no trial (see rollout.py)."""
     counts_on: Mapping[str, str] = field(default_factory=dict)
-    """Needs whose restart restarts this run too -> their incarnation now."""
+    """Needs whose restart restarts this run too -> their present incarnation."""
     content: Mapping[str, str] | None = None
-    """Digests of what it mounts from the tree, as it reads them; None if it mounts nothing of it."""
+    """Digests of the files it mounts from the tree; None if it mounts none."""
 
     def details(self) -> tuple[str, ...]:
         return (
@@ -114,7 +114,7 @@ class Start(Operation):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Resume(Operation):
-    """Let a paused run go on."""
+    """Continue a paused run."""
 
     verb, symbol = "resume", "="
     states, leaves = frozenset({"paused"}), "running"
@@ -123,7 +123,7 @@ class Resume(Operation):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pause(Operation):
-    """Freeze a run: it keeps its memory and connections, and takes no CPU."""
+    """Freeze a run. It keeps its memory and connections and uses no CPU, and resumes within milliseconds."""
 
     verb, symbol = "pause", '"'
     states, leaves = frozenset({"running", "restarting"}), "paused"
@@ -132,7 +132,7 @@ class Pause(Operation):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stop(Operation):
-    """End a run: `signal`, then SIGTERM after `grace` seconds, then SIGKILL."""
+    """End a run: send `signal`, after `grace` seconds SIGTERM, then SIGKILL."""
 
     verb, symbol = "stop", "#"
     states = frozenset({"running", "restarting", "paused"})
@@ -141,7 +141,7 @@ class Stop(Operation):
     signal: str
     grace: float
     incarnation: str
-    """The run that it ends: from now on its end is rorg's doing, no crash."""
+    """The run to end, remembered so that its exit does not count as a crash."""
 
     def details(self) -> tuple[str, ...]:
         return (self.signal, format_seconds(self.grace))
@@ -157,7 +157,7 @@ class Signal(Operation):
 
     signal: str
     content: Mapping[str, str]
-    """Digests of what it reads again."""
+    """Digests of the files it reads again."""
     incarnation: str
 
     def details(self) -> tuple[str, ...]:
@@ -196,27 +196,27 @@ class Update(Operation):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Remove(Operation):
-    """Take a container away that does not run."""
+    """Remove a container that does not run."""
 
     verb, symbol = "remove", "-"
     states = frozenset({"created", "exited", "dead"})
     ends = True
 
     volumes: bool = False
-    """With its unnamed volumes, since nobody will look for them again."""
+    """Remove its anonymous volumes too, because nothing will use them again."""
     last_words: bool = False
-    """It failed: the last lines of its log go into the journal first."""
+    """It failed: keep the last lines of its log in the journal."""
 
     def details(self) -> tuple[str, ...]:
         return (
-            *(["with unnamed volumes"] if self.volumes else []),
-            *(["its last words are kept"] if self.last_words else []),
+            *(["with anonymous volumes"] if self.volumes else []),
+            *(["its last log lines are kept"] if self.last_words else []),
         )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ObjectOperation(Operation):
-    """A call on a network or a volume; no container is touched."""
+    """A call on a network or volume; it touches no container."""
 
     object: Kind
     name: str
@@ -224,7 +224,7 @@ class ObjectOperation(Operation):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CreateObject(ObjectOperation):
-    """Make a network or a volume."""
+    """Create a network or volume."""
 
     verb, symbol = "create", "+"
 
@@ -239,10 +239,10 @@ class CreateObject(ObjectOperation):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RemoveObject(ObjectOperation):
-    """Take away a network, or a volume with all its data."""
+    """Remove a network, or a volume with all its data."""
 
     verb, symbol = "remove", "-"
 
 
 OPERATIONS: tuple[type[Operation], ...] = (Create, Update, Rename, Signal, Start, Resume, Pause, Stop, Remove)
-"""On containers, in the order in which a summary counts them."""
+"""Operations on containers, in the order in which a summary counts them."""

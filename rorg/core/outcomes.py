@@ -1,4 +1,4 @@
-"""How the loop's memory changes with what is done: actions that are begun, their outcomes, attempts that are over."""
+"""How the loop's memory changes when actions begin and end."""
 
 from __future__ import annotations
 
@@ -16,33 +16,34 @@ from rorg.core.rollout import refused
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What came of an action."""
+    """The result of an action."""
 
     action: Action
     error: str = ""
-    """Empty when it went well."""
+    """"" if it succeeded."""
     refused: bool = False
-    """The engine said no to what was asked, rather than that it gave no answer."""
+    """The engine refused the call, rather than not answering it."""
     missing: bool = False
-    """The image, or the program, is not on this machine."""
+    """The image or program is not on this machine."""
     spent: bool = False
-    """The engine will never start that container again."""
+    """The engine will never start this container again."""
     unsupported: bool = False
-    """The engine cannot do that at all."""
+    """The engine does not support the operation."""
 
 
 def forget(memory: Memory, names: Iterable[str], busy: Collection[str]) -> Memory:
-    """Failed attempts of those of these services for which there is nothing to do any more. `busy` are all others."""
+    """Forget failed attempts of services for which nothing is left to do. `busy` are those of `names` with work
+    left."""
     done = {
-        name: replace(step, attempts={}, error=step.error if step.exits else "")
+        name: replace(progress, attempts={}, error=progress.error if progress.exits else "")
         for name in names
-        if (step := memory.of(name)).attempts and name not in busy and name not in memory.in_flight
+        if (progress := memory.of(name)).attempts and name not in busy and name not in memory.in_flight
     }
     return replace(memory, progress={**memory.progress, **done}) if done else memory
 
 
 def begin(memory: Memory, actions: Sequence[Action], observed: Observed, now: float) -> Memory:
-    """Actions are handed to workers: their services get no second one until the outcome."""
+    """Note that workers have these actions: their services get no second action before the outcome."""
     if not actions:
         return memory
     there = observed.by_service()
@@ -51,23 +52,25 @@ def begin(memory: Memory, actions: Sequence[Action], observed: Observed, now: fl
     return replace(memory, progress={**memory.progress, **begun}, in_flight={**memory.in_flight, **flights})
 
 
-def _begun(step: Progress, action: Action, containers: Sequence[Container]) -> Progress:
+def _begun(progress: Progress, action: Action, containers: Sequence[Container]) -> Progress:
     state = canonical([(c.id, c.state, c.name, c.incarnation, c.live) for c in containers])
     operation = action.operation
     signature = (operation.container, operation.attempted, state)
-    before = step.attempt(operation) or Attempt()
+    before = progress.attempt(operation) or Attempt()
     count = before.count + 1 if signature == before.signature else 1
-    step = step.attempting(operation, replace(before, signature=signature, count=count))
+    progress = progress.attempting(operation, replace(before, signature=signature, count=count))
     if isinstance(operation, Start):
-        step = replace(step, begun=operation.counts_on, update=replace(step.update, begun=operation.content))
+        progress = replace(
+            progress, begun=operation.counts_on, update=replace(progress.update, begun=operation.content)
+        )
     if isinstance(operation, Stop):
-        # From now on its end is our doing, even if this rorg does not live to see it.
-        step = step.with_stopped(operation.incarnation)
-    return step
+        # Note it before the call: if rorg is killed now, its next run must still know that this exit is no crash.
+        progress = progress.with_stopped(operation.incarnation)
+    return progress
 
 
 def finish(memory: Memory, outcomes: Iterable[Outcome], now: float) -> Memory:
-    """What came of actions."""
+    """Note the outcomes of actions."""
     progress, in_flight = {**memory.progress}, {**memory.in_flight}
     for outcome in outcomes:
         name = outcome.action.service
@@ -77,17 +80,17 @@ def finish(memory: Memory, outcomes: Iterable[Outcome], now: float) -> Memory:
     return replace(memory, progress=progress, in_flight=in_flight)
 
 
-def _finished(step: Progress, outcome: Outcome, now: float) -> Progress:
+def _finished(progress: Progress, outcome: Outcome, now: float) -> Progress:
     operation, error = outcome.action.operation, outcome.error
-    tried = step.attempt(operation) or Attempt()
-    if error or tried.count >= STALLED_AFTER:
-        tried = replace(tried, at=now + delay(tried.count + 1), error=error)
-        tried = replace(tried, missing=outcome.missing, spent=outcome.spent, unsupported=outcome.unsupported)
-        step = replace(step.attempting(operation, tried), error=error)
-    elif tried.error and not step.exits:
-        tried = replace(tried, at=0.0, error="", missing=False, spent=False, unsupported=False)
-        step = step.attempting(operation, tried)
-        step = replace(step, error=next((t.error for t in step.attempts.values() if t.error), ""))
-    if isinstance(operation, Signal) and not error and step.update.run == operation.incarnation:
-        step = replace(step, update=replace(step.update, content=operation.content))
-    return replace(step, begun=None) if isinstance(operation, Start) and error else step
+    attempt = progress.attempt(operation) or Attempt()
+    if error or attempt.count >= STALLED_AFTER:
+        attempt = replace(attempt, at=now + delay(attempt.count + 1), error=error)
+        attempt = replace(attempt, missing=outcome.missing, spent=outcome.spent, unsupported=outcome.unsupported)
+        progress = replace(progress.attempting(operation, attempt), error=error)
+    elif attempt.error and not progress.exits:
+        attempt = replace(attempt, at=0.0, error="", missing=False, spent=False, unsupported=False)
+        progress = progress.attempting(operation, attempt)
+        progress = replace(progress, error=next((t.error for t in progress.attempts.values() if t.error), ""))
+    if isinstance(operation, Signal) and not error and progress.update.run == operation.incarnation:
+        progress = replace(progress, update=replace(progress.update, content=operation.content))
+    return replace(progress, begun=None) if isinstance(operation, Start) and error else progress

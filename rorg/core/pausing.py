@@ -1,5 +1,9 @@
-"""What it does to others when a service of ROS 1 is paused: its connections stay, and whoever is at their other end
-waits for it, or misses it."""
+"""Effects of pausing a ROS 1 service on others.
+
+Its connections stay open, and so does its registration at the master. Measured: a paused subscriber receives its whole
+backlog on resume, up to 30 s old; a publisher with queue_size=None blocks while its subscriber is paused; service calls
+to a paused node hang.
+"""
 
 from __future__ import annotations
 
@@ -12,20 +16,20 @@ from rorg.core.wanted import wanted_without
 from rorg.model.catalog import Service
 
 OF_EVERY_NODE = ("/get_loggers", "/set_logger_level")
-"""Services that each node provides, and people call."""
+"""ROS services that every node provides; only people call them."""
 LATCHED = frozenset(("map", "map_metadata", "robot_description", "tf_static"))
-"""Topics that are published once, as a rule, by the last word of their names: the master does not say of a topic
-whether it is latched."""
+"""Topics that are usually published once, by the last part of their name. The master does not know whether a topic is
+latched."""
 MOST = 3
-"""Names in one sentence."""
+"""Names per sentence."""
 
 
 @dataclass(frozen=True, slots=True)
 class InUse:
-    """Why a service is not paused though that is its idle action."""
+    """Why a service is not paused although its idle policy says so."""
 
     connections: tuple[Connection, ...]
-    """With nodes that somebody wants; empty where it is not known what it is connected to."""
+    """With nodes that are wanted; empty if its connections are not known."""
 
     def __str__(self) -> str:
         if not self.connections:
@@ -35,18 +39,20 @@ class InUse:
 
 
 def in_use(situation: Situation, service: Service) -> InUse | None:
-    """Whether nodes of wanted services, or nodes that no service of this robot is known to run, are connected to those
-    of a service that nobody wants. None where none is."""
+    """Return the connections that an unwanted service has with nodes of wanted services, or with nodes that belong to
+    no known service; None if there are none."""
     graph = situation.ros.get(master_of(service))
     if graph is None or not graph.of(service.name):
         return InUse(())
-    found = tuple(c for c in connections(graph, service.name) if not c.service or c.service in situation.wanted)
-    return InUse(found) if found else None
+    live_connections = tuple(
+        c for c in connections(graph, service.name) if not c.service or c.service in situation.wanted
+    )
+    return InUse(live_connections) if live_connections else None
 
 
 @dataclass(frozen=True, slots=True)
 class Risk:
-    """What comes of pausing a service."""
+    """A consequence of pausing a service."""
 
     code: str
     """PublisherBlocks, CallersHang or LatchedTopicMissed."""
@@ -54,19 +60,19 @@ class Risk:
 
 
 def risks(situation: Situation, service: Service) -> tuple[Risk, ...]:
-    """Of a service that is paused when nobody wants it, as far as its master knows; worst first."""
+    """Return the risks of a service that is paused when idle, as far as its master knows; worst first."""
     if not (situation.ros and situation.engine.pause) or service.idle.action != "pause" or service.always_on:
         return ()
     graph = situation.ros.get(master_of(service))
     if graph is None:
         return ()
     own, unaware = graph.of(service.name), service.idle.connected == "pause"
-    found = [
+    all_risks = [
         _blocking(graph, service, wanted_without(situation.wanted, service.name)) if unaware else None,
         _called(_names_of(graph.providers, own)),
         _latched(_names_of(graph.publishers, own)) if unaware else None,
     ]
-    return tuple(risk for risk in found if risk)
+    return tuple(risk for risk in all_risks if risk)
 
 
 def _names_of(registered: Mapping[str, Collection[str]], own: frozenset[str]) -> list[str]:
@@ -80,8 +86,8 @@ def _blocking(graph: RosGraph, service: Service, wanted: Collection[str]) -> Ris
     topics, publishers = dict.fromkeys(c.topic for c in heard), dict.fromkeys(c.service for c in heard)
     return Risk(
         "PublisherBlocks",
-        f"it subscribes to {_some(topics)} of {_some(publishers)}: a publisher may block while it is paused, and when "
-        "it is resumed it gets what came meanwhile; try idle: {action: pause, connected: stop}",
+        f"it subscribes to {_some(topics)} of {_some(publishers)}: a publisher may block while it is paused, and on "
+        "resume it receives its whole backlog; try idle: {action: pause, connected: stop}",
     )
 
 
@@ -97,11 +103,13 @@ def _latched(published: Iterable[str]) -> Risk | None:
     topics = [name for name in published if name.rpartition("/")[2] in LATCHED]
     if not topics:
         return None
-    message = f"it publishes {_some(topics)}, once as a rule: who comes while it is paused does not get that; try "
-    return Risk("LatchedTopicMissed", message + "idle: {action: stop}, or needs of those that use it")
+    message = (
+        f"it publishes {_some(topics)}, usually only once: who subscribes while it is paused receives nothing; try "
+    )
+    return Risk("LatchedTopicMissed", message + "idle: {action: stop}, or add it to the needs of its users")
 
 
 def _some(names: Iterable[str]) -> str:
-    found = list(names)
-    more = [f"{len(found) - MOST} more"] if len(found) > MOST else []
-    return ", ".join(found[:MOST]) + "".join(f" and {m}" for m in more)
+    listed = list(names)
+    more = [f"{len(listed) - MOST} more"] if len(listed) > MOST else []
+    return ", ".join(listed[:MOST]) + "".join(f" and {m}" for m in more)

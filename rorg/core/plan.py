@@ -1,4 +1,4 @@
-"""The plan: actions and waitings, each with a reason, and its two forms, text and JSON."""
+"""The plan: actions and waitings, each with a reason. It has two forms, text for people and JSON for programs."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from rorg.model.codes import BAKING, IMAGE, PARAMETERS
 
 
 class Part(StrEnum):
-    """What several actions of one service do together."""
+    """A group of actions of one service that belong together."""
 
     NONE = ""
     REPLACE = "replace"
-    """Another container takes the place of the current one."""
+    """A new container takes the place of the current one."""
     RESTART = "restart"
     """The same container begins another run."""
 
@@ -27,12 +27,12 @@ SYMBOLS = {
     Part.RESTART: "#/>",
     "wait": ".",
 }
-"""By what is done, as texts name it."""
+"""Symbols in the text of a plan, by verb or part."""
 
 
 @dataclass(frozen=True, slots=True)
 class Action:
-    """One operation in its place in the plan, with the reason for it. The executor decides nothing."""
+    """One operation in its place in the plan, with its reason. The worker that executes it decides nothing."""
 
     index: int
     """Its place in its service's chain."""
@@ -42,18 +42,18 @@ class Action:
     fields: tuple[str, ...] = ()
     """Declared options that changed."""
     after: tuple[str, ...] = ()
-    """Services whose actions in this plan must have happened, and made them ready, before this one; its own service for
-    the action before it in its chain. Only actions without any can be performed now; after each outcome the rest is
-    planned anew."""
+    """Services whose actions in this plan must come first and make them ready. Its own service stands for the action
+    before it in its chain. Only an action that follows nothing can begin now; after each outcome the rest is planned
+    again."""
     urgent: bool = False
     """A live request waits for it."""
     priority: int = 50
     driver: bool = False
-    """Of a driver: these go first, since most of a robot waits for its hardware."""
+    """The service is a driver. Drivers go first, because most of a robot waits for its hardware."""
     part_of: Part = Part.NONE
     surplus: bool = False
-    """Its container is not the one by which its service is active: a second one, or one that the engine calls dead. It
-    is removed although the service is wanted."""
+    """Its container is not the service's current one: a second container, or one the engine calls dead. It is removed
+    although the service is wanted."""
 
     @property
     def verb(self) -> str:
@@ -61,11 +61,16 @@ class Action:
         return self.operation.verb
 
     @property
+    def why(self) -> str:
+        """The reason, with the changed options if there are any."""
+        return self.reason + (f": {', '.join(self.fields)}" if self.fields else "")
+
+    @property
     def container(self) -> str:
         return self.operation.container
 
     def as_json(self) -> dict[str, Any]:
-        """For machines, without its place in the plan."""
+        """Return it for machines, without its place in the plan."""
         return {
             "verb": self.verb,
             "service": self.service,
@@ -77,44 +82,58 @@ class Action:
         }
 
     def __str__(self) -> str:
-        return f"{self.operation.symbol} {self.verb} {self.service} ({_why(self)})"
+        return f"{self.operation.symbol} {self.verb} {self.service} ({self.why})"
 
 
 @dataclass(frozen=True, slots=True)
 class Waiting:
-    """Something that would be done, but not now."""
+    """Something that cannot be done yet."""
 
     service: str
     reason: str
     until: float | None = None
-    """Time of the loop's clock at which to look again, where that is known."""
+    """When to look again, by the loop's clock, if that is known."""
     code: str = ""
-    """Why it may never be done: failed (it was tried), no-image, device (these cannot be had), blocked (a network or
-    volume is not there, or not rorg's), withheld (its removal waits for a person's word), deferred (it is left for
-    later), preempted or suspended. Of what only takes its time: image (that is being built or pulled),
-    ros-parameters (they are being set), baking (all is done, and it is seen how it does), or empty."""
+    """Why it waits.
+
+    Codes of waitings that may never end:
+
+    - failed: it was tried;
+    - no-image, device: it cannot be obtained;
+    - blocked: a network or volume is missing or not rorg's;
+    - withheld: its removal needs a person's confirmation;
+    - deferred: it is left for later;
+    - preempted, suspended.
+
+    Codes of waitings that only take time:
+
+    - image: it is being built or pulled;
+    - ros-parameters: they are being set;
+    - baking: everything is done, and the new container must stay well for a while;
+    - empty: anything else.
+    """
 
     @property
     def goes_on(self) -> bool:
-        """It will be done if one waits."""
+        """Whether it will be done without anyone's help."""
         return self.code in ("", IMAGE, PARAMETERS, BAKING)
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What is to be done and what waits, in the order in which it is to happen."""
+    """Actions and waitings, in order."""
 
     actions: tuple[Action, ...] = ()
     waitings: tuple[Waiting, ...] = ()
     alarm: float | None = None
-    """Time of the loop's clock at which something will have to be done though nobody waits for it."""
+    """When something will have to be done although nothing waits for it, by the loop's clock."""
 
     @property
     def empty(self) -> bool:
         return not self.actions and not self.waitings
 
     def text(self) -> str:
-        """The canonical text, step by step: what `rorg diff -o wide` prints and planner tests compare."""
+        """Return the canonical text, step by step: what `rorg diff -o wide` prints and planner tests compare."""
         lines: list[str] = []
         named: list[Action | Waiting] = [*self.actions, *self.waitings]
         width = max((len(n.service) for n in named), default=0)
@@ -122,28 +141,28 @@ class Plan:
         for action in self.actions:
             part = action.part_of is Part.REPLACE
             if part and replaced != action.service:
-                lines.append(_line(Part.REPLACE, action.service, width, _why(action)))
+                lines.append(_line(Part.REPLACE, action.service, width, action.why))
             replaced = action.service if part else ""
-            reason = ", ".join(filter(None, ["" if part else _why(action), _after(action)]))
+            reason = ", ".join(filter(None, ["" if part else action.why, _after(action)]))
             reason = " ".join(filter(None, [reason, _details(action)]))
             lines.append(("    " if part else "") + _line(action.verb, action.service, width, reason))
         lines += [_line("wait", w.service, width, w.reason) for w in self.waitings]
-        # A reason may be somebody's text: it makes no line of its own.
+        # A reason may quote a program's output; keep it on one line.
         return "".join(line.replace("\n", "\\n").rstrip() + "\n" for line in [*lines, self.summary()])
 
     def summary(self) -> str:
-        """One line with the counts."""
+        """Return one line with the counts."""
         if self.empty:
             return "No differences."
         replaced = len({a.service for a in self.actions if a.part_of is Part.REPLACE})
-        found = Counter(a.verb for a in self.actions if a.part_of is not Part.REPLACE)
-        counts = {kind.verb: found[kind.verb] for kind in OPERATIONS}
+        count_of = Counter(a.verb for a in self.actions if a.part_of is not Part.REPLACE)
+        counts = {kind.verb: count_of[kind.verb] for kind in OPERATIONS}
         parts = [f"{replaced} to replace"] * bool(replaced) + [f"{c} to {n}" for n, c in counts.items() if c]
         parts += [f"{len(self.waitings)} waiting"] * bool(self.waitings)
         return "Plan: " + ", ".join(parts) + "."
 
     def as_json(self) -> dict[str, Any]:
-        """For machines: every action with its reason and order; never the values of the environment."""
+        """Return it for machines: every action with its reason and order, never values of the environment."""
         return {
             "actions": [
                 {"index": index, "after": after, **a.as_json()} for index, (a, after) in enumerate(self.linked())
@@ -152,14 +171,14 @@ class Plan:
         }
 
     def beside_actions(self) -> dict[str, Any]:
-        """What as_json() says besides."""
+        """Return the part of as_json() besides actions."""
         return {
             "waitings": [{"service": w.service, "reason": w.reason, "code": w.code} for w in self.waitings],
             "summary": self.summary(),
         }
 
     def linked(self) -> list[tuple[Action, list[int]]]:
-        """Actions, each with the indices of those that it must follow."""
+        """Return the actions, each with the indices of those it follows."""
         last = {a.service: index for index, a in enumerate(self.actions)}
         return [
             (a, [index - 1 if other == a.service else last[other] for other in a.after])
@@ -171,10 +190,6 @@ def _line(verb: str, service: str, width: int, reason: str) -> str:
     return f"{SYMBOLS[verb]:<3} {verb:<7} {service:<{width}}  {reason}"
 
 
-def _why(action: Action) -> str:
-    return action.reason + (f": {', '.join(action.fields)}" if action.fields else "")
-
-
 def _details(action: Action) -> str:
     details = action.operation.details()
     return f"[{'; '.join(details)}]" if details else ""
@@ -183,3 +198,25 @@ def _details(action: Action) -> str:
 def _after(action: Action) -> str:
     others = [other for other in action.after if other != action.service]
     return f"after {', '.join(others)}" if others else ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ServicePlan:
+    """The plan of one service, network or volume. `notes` are waitings that hold nothing back; `alarm` is when
+    something is due that no waiting mentions."""
+
+    actions: tuple[Action, ...] = ()
+    waitings: tuple[Waiting, ...] = ()
+    notes: tuple[Waiting, ...] = ()
+    alarm: float | None = None
+    unready: str = ""
+    """What services that need this one wait for; "" if it is ready or will be by this plan."""
+    volatile: bool = False
+    """The plan depends on the time or on unrelated services, so it is made again in every pass."""
+
+    @property
+    def busy(self) -> bool:
+        return bool(self.actions or self.waitings or self.notes)
+
+
+NOTHING = ServicePlan()

@@ -1,9 +1,9 @@
-"""The one planner. For each service: the whole chain of engine calls that leads from what is observed to what is
-desired, as far as it may happen now; what must wait for other actions of the plan is linked to them, and the rest is a
-waiting with a reason. Pure.
+"""The planner: for each service, the chain of engine calls from what is observed to what is desired, as far as it may
+happen now. A step that must follow other services' actions is linked to them; a step that must wait becomes a waiting
+with a reason.
 
-A service's plan depends on the situation, and on the plans of services that come before it. So a plan can be made anew
-for some services only (see onward.py), by the same code as for all.
+The plan of a service depends on the situation and on the plans of services before it. So incremental.py can plan some
+services again with the same code that plans all.
 """
 
 from __future__ import annotations
@@ -13,9 +13,8 @@ from collections.abc import Collection, Iterable, Mapping
 from rorg.core.exclusive import Exclusive
 from rorg.core.gates import gate, unready
 from rorg.core.object_plans import declared_objects, declared_plan, former_objects, former_plan
-from rorg.core.plan import Action, Waiting
+from rorg.core.plan import NOTHING, Action, ServicePlan, Waiting
 from rorg.core.reconcile import chain
-from rorg.core.service_plan import NOTHING, ServicePlan
 from rorg.core.situation import Situation
 from rorg.core.steps import Step, away
 from rorg.core.view import View
@@ -24,12 +23,12 @@ from rorg.model.objects import is_object
 from rorg.model.units import format_seconds
 
 LAST = -1
-"""Priority of what nobody has requested yet: below every priority."""
+"""Priority of services that are not requested yet: below every other."""
 
 
 def in_order(situation: Situation) -> list[str]:
-    """Subjects in the order in which they are planned: networks and volumes that are declared; what must be ceased,
-    dependants first; what must run, needs first; networks and volumes that go. Meta-services have nothing to plan."""
+    """Return all subjects in planning order: declared networks and volumes; services to cease, dependants first;
+    services to run, needs first; networks and volumes to remove. Meta-services have nothing to plan."""
     services, wanted = situation.desired.catalog.services, situation.wanted
     own = [n for n in situation.desired.order if not services[n].meta]
     ceasing = [n for n in reversed(own) if n not in wanted]
@@ -38,13 +37,14 @@ def in_order(situation: Situation) -> list[str]:
 
 
 def undeclared(situation: Situation) -> set[str]:
-    """Services with a container that no manifest declares, or not as having one."""
+    """Return services with a container that are not declared, or are declared without a container."""
     return situation.observed.by_service().keys() - situation.desired.digests.keys()
 
 
-def leave_at_once(situation: Situation, exclusive: Exclusive) -> frozenset[str]:
-    """What is in somebody's way, or must not be active; and what needs that."""
-    found: set[str] = set()
+def without_linger(situation: Situation, exclusive: Exclusive) -> frozenset[str]:
+    """Return unwanted services that must cease immediately, because they must not be active or hold back a wanted
+    service, and those that need them."""
+    names: set[str] = set()
     wanted, desired = situation.wanted, situation.desired
     for name in desired.order:
         if name in wanted:
@@ -54,41 +54,41 @@ def leave_at_once(situation: Situation, exclusive: Exclusive) -> frozenset[str]:
             name in situation.preempted
             or name in situation.excluded
             or any(o in wanted for o in desired.conflicts.get(name, ()))
-            or any(n in found for n in service.needs)
+            or any(n in names for n in service.needs)
             or exclusive.contested(service)
         ):
-            found.add(name)
-    return frozenset(found)
+            names.add(name)
+    return frozenset(names)
 
 
 class Planner:
-    """Of one situation. `places` is the order of the services; `plans` are filled in by plan()."""
+    """Plans one situation. `places` is the order of services; plan() fills `plans`."""
 
-    def __init__(self, situation: Situation, places: Mapping[str, int], leaving: Collection[str] | None) -> None:
+    def __init__(self, situation: Situation, places: Mapping[str, int], no_linger: Collection[str] | None) -> None:
         self.s, self.places = situation, places
         self.services = situation.desired.catalog.services
         self.containers = situation.observed.by_service()
         self.undeclared = {n: self.containers[n] for n in undeclared(situation)}
         self.former = former_objects(situation)
         self.exclusive = Exclusive(situation, self.containers, self.undeclared)
-        self.leaving = leave_at_once(situation, self.exclusive) if leaving is None else leaving
+        self.no_linger = without_linger(situation, self.exclusive) if no_linger is None else no_linger
         self.plans: dict[str, ServicePlan] = {}
 
     def plan(self, name: str) -> ServicePlan:
-        """The plan of one service, once those of all before it that it looks at are there."""
+        """Plan one service. The plans before it in order must exist."""
         view = View(self.s, self.containers, self.exclusive)
-        self.plans[name] = found = self._plan(name, view)
-        return found
+        self.plans[name] = made = self._plan(name, view)
+        return made
 
     def _plan(self, name: str, view: View) -> ServicePlan:
         if name in self.former:
-            return former_plan(view, name, self.former[name], Before(self, name).moving)
+            return former_plan(view, name, self.former[name], EarlierPlans(self, name).has_actions)
         if name in self.s.desired.objects:
             return declared_plan(view, name)
         return self._undeclared(name, view) if name in self.undeclared else self._declared(self.services[name], view)
 
     def _undeclared(self, name: str, view: View) -> ServicePlan:
-        """A service of ours that no manifest declares any more."""
+        """Plan the removal of a service that is no longer declared."""
         if name in self.s.memory.in_flight or name in self.s.withheld:
             return NOTHING
         if not (self.s.removals or name in self.s.confirmed):
@@ -96,38 +96,38 @@ class Planner:
             return ServicePlan(waitings=(Waiting(name, why),))
         steps = [s for c in self.containers[name] for s in away(c, "no manifest declares it", volumes=True)]
         actions, waitings, _ = self._let_through(Service(name), steps, view)
-        return ServicePlan(actions=actions, waitings=waitings, restless=view.restless)
+        return ServicePlan(actions=actions, waitings=waitings, volatile=view.volatile)
 
     def _declared(self, service: Service, view: View) -> ServicePlan:
         name, flight = service.name, self.s.memory.in_flight.get(service.name)
         if flight:
             blocked = f"{flight.action.verb} under way for {format_seconds(view.now - flight.since)}"
-            return ServicePlan(unready=f"waits: {blocked}", restless=True)
+            return ServicePlan(unready=f"waits: {blocked}", volatile=True)
         if any(c.state == "removing" for c in view.of(name)):
             blocked = "the engine is removing its container"
             return ServicePlan(waitings=(Waiting(name, blocked),), unready=f"waits: {blocked}")
-        found = chain(view, service, Before(self, name).moving)
-        actions, waitings, blocked = self._let_through(service, found.steps, view)
+        desired_chain = chain(view, service, EarlierPlans(self, name).has_actions)
+        actions, waitings, blocked = self._let_through(service, desired_chain.steps, view)
         needed = self.s.desired.dependants[name]
         return ServicePlan(
             actions=actions,
             waitings=waitings,
-            notes=found.notes,
-            alarm=found.alarm,
+            notes=desired_chain.notes,
+            alarm=desired_chain.alarm,
             unready=unready(view, service, blocked, [a.operation for a in actions]) if needed else "",
-            restless=view.restless,
+            volatile=view.volatile,
         )
 
     def _let_through(
         self, service: Service, steps: Iterable[Step], view: View
     ) -> tuple[tuple[Action, ...], tuple[Waiting, ...], str]:
-        """A chain's steps up to the first one that must wait; what is waited for; and why it stops short, for those who
-        wait for it. A name or an option that the engine refuses holds nothing back."""
+        """Return a chain's steps up to the first that must wait, what is waited for, and why the chain stops there. An
+        optional step that must wait does not stop the chain."""
         actions: list[Action] = []
         waitings: dict[Waiting, None] = {}
-        before = Before(self, service.name)
+        earlier = EarlierPlans(self, service.name)
         for step in steps:
-            linked, waiting = gate(view, service, step, before, self.leaving)
+            linked, waiting = gate(view, service, step, earlier, self.no_linger)
             if waiting:
                 waitings[waiting] = None
                 if step.operation.optional:
@@ -153,14 +153,16 @@ class Planner:
         )
 
     def _is_urgent(self, name: str, step: Step, view: View) -> bool:
-        """What brings up a service that a live request waits for; not what replaces one that runs."""
+        """Return whether a step brings up a service that a live request waits for. Replacing one that runs is not
+        urgent."""
         if name not in self.s.urgent:
             return False
         return step.operation.brings_up and not view.active(name)
 
 
-class Before:
-    """What a service may know of the plans of others: those that come before it."""
+class EarlierPlans:
+    """What a service may know about other plans: only those before it in order, so that the result does not depend on
+    the order of planning within a pass."""
 
     def __init__(self, planner: Planner, service: str) -> None:
         self.planner, self.place = planner, planner.places[service]
@@ -169,7 +171,7 @@ class Before:
         places = self.planner.places
         return self.planner.plans[name] if name in places and places[name] < self.place else NOTHING
 
-    def moving(self, name: str) -> bool:
+    def has_actions(self, name: str) -> bool:
         return bool(self._plan(name).actions)
 
     def code(self, name: str) -> str:

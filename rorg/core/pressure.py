@@ -1,7 +1,9 @@
-"""What to do while the machine is under pressure: one measure after another, mildest first, undone in reverse.
+"""Answers to pressure, when the machine has too little CPU or memory: one measure after another, mildest first, undone
+in reverse order.
 
-A state machine over samples of load. It keeps which measures are in force and what was shed; everything else follows
-from the current sample.
+A state machine over samples of load. Its state is only which measures are in force and which services were shed;
+everything else follows from the current sample. Time-sharing a small on-board computer is the purpose of rorg (paper,
+section III-C).
 """
 
 from __future__ import annotations
@@ -16,24 +18,25 @@ from rorg.model.units import format_memory
 MEASURES = ("lower-shares", "end-lingering", "stop-paused", "close-admission", "shed")
 """In the order in which they are taken. `shed` can be taken many times, for one service each."""
 LOWERED_SHARES = 103
-"""CPU shares of a service that is to leave the CPU to others: a tenth of the engine's default of 1024, and a number
-that nobody writes, so that a rorg that was killed meanwhile still knows whose shares to put back."""
+"""CPU shares of a service that leaves the CPU to others: a tenth of Docker's default of 1024. The odd number is a mark:
+after a crash, rorg recognizes which shares it lowered and restores them."""
 FLAP = 60.0
-"""Seconds within which a service that must be shed again has its time of calm doubled."""
+"""If a service must be shed again within this many seconds after it came back, it waits twice as long the next time."""
 CALM_MOST = 300.0
+"""Seconds; upper limit of that wait."""
 LEAST = {"cpu": 0.02, "memory": 8 << 20}
-"""Cores, or bytes: what frees less of what is short does not help,"""
+"""Cores, or bytes. Freeing less of what is short does not help,"""
 SHARE = 0.05
-"""nor what frees less than this part of what is too much."""
-OTHERS = "programs that rorg does not run"
+"""nor does freeing less than this share of the excess."""
+OTHERS = "programs outside rorg"
 PATIENCE = 30.0
-"""Seconds that the next measure waits for what was shed to end, and that nobody is shed while a service is being
-started. What takes longer is taken to hang."""
+"""Seconds to wait for shed services to end before the next measure, and for services to come up before any is shed. If
+it takes longer, something hangs and waiting would not help."""
 
 
 @dataclass(frozen=True, slots=True)
 class Shed:
-    """A service that was ceased to make room, with what it and all that went with it used."""
+    """A service that was ceased to make room. Its use includes services that ceased with it."""
 
     service: str
     cpu: float
@@ -43,24 +46,24 @@ class Shed:
 
 @dataclass(frozen=True, slots=True)
 class Pressure:
-    """Measures in force: the first `level` of MEASURES, and what was shed."""
+    """The state: the first `level` of MEASURES are in force, and these services are shed."""
 
     level: int = 0
     pressed: tuple[str, ...] = ()
-    """What is above its threshold: cpu, memory."""
+    """Resources above their threshold: cpu, memory."""
     skipped: frozenset[str] = frozenset()
-    """Milder measures than the last one that are not in force, since they would not have helped."""
+    """Milder measures that are not in force because they would not have helped."""
     helpless: bool = False
-    """It goes on, and nothing that could be done would help."""
+    """Whether pressure goes on and no measure would help."""
     reason: str = ""
     shed: tuple[Shed, ...] = ()
     changed_at: float = 0.0
-    """When the last measure was taken or undone."""
+    """When a measure was last taken or undone."""
     calm_since: float | None = None
     seen: float = float("-inf")
-    """`at` of the last sample that was considered."""
+    """`at` of the last sample."""
     restored: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    """Service -> (when it was put back, how long calm must last before the next time)."""
+    """Service -> (when it came back, how long calm must last before the next time)."""
 
     @property
     def engaged(self) -> bool:
@@ -71,7 +74,7 @@ class Pressure:
 
 
 Victim = tuple[str, float, int]
-"""A service that could be shed, with the cores and bytes that it and all that goes with it use."""
+"""A service that could be shed, with the cores and bytes it would free, including services that cease with it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,50 +82,50 @@ class Chances:
     """What could be done now."""
 
     useful: frozenset[str] = frozenset()
-    """Those of MEASURES that would change something now."""
+    """The measures that would change something now."""
     next_shed: Callable[[tuple[str, ...]], Victim | None] = lambda _: None
-    """Whom to shed next, given what is pressed."""
+    """Which service to shed next, given what is pressed."""
     settling: bool = False
-    """What was shed last still has to end."""
+    """Whether the last shed service has yet to end."""
     beginning: bool = False
-    """Something is being started, or has just been and is in no sample yet: whose use it is cannot be told."""
+    """Whether a service is starting, or too new to be in a sample, so that its use cannot be attributed."""
     below: Callable[[str], Sequence[Victim]] = lambda _: ()
-    """Who runs and could be shed in place of a service, because it matters less; who matters least comes first."""
+    """Running services that could be shed in place of a more important one, least important first."""
 
 
 NONE = Pressure()
 
 
 def pressed(limits: Thresholds, budget: Budget | None, load: Load) -> dict[str, str]:
-    """What is above its threshold, each with the figures in words."""
+    """Return the resources above their threshold, with the figures in words."""
     cores, memory = _budget(budget, load)
-    found: dict[str, str] = {}
+    above: dict[str, str] = {}
     if load.cpu > limits.high * cores:
-        found["cpu"] = f"{load.cpu:.1f} of {limits.high * cores:.1f} cores in use"
+        above["cpu"] = f"{load.cpu:.1f} of {limits.high * cores:.1f} cores in use"
     elif limits.cpu_some is not None and load.cpu_some > limits.cpu_some:
-        found["cpu"] = f"programs waited for the CPU {load.cpu_some:.0f} % of the time"
+        above["cpu"] = f"programs waited for the CPU {load.cpu_some:.0f} % of the time"
     if load.memory > limits.high * memory:
-        found["memory"] = f"{format_memory(load.memory)} of {format_memory(limits.high * memory)} of memory in use"
+        above["memory"] = f"{format_memory(load.memory)} of {format_memory(limits.high * memory)} of memory in use"
     elif limits.memory_some is not None and load.memory_some > limits.memory_some:
-        found["memory"] = f"programs waited for memory {load.memory_some:.0f} % of the time"
-    return found
+        above["memory"] = f"programs waited for memory {load.memory_some:.0f} % of the time"
+    return above
 
 
 def excess(limits: Thresholds, budget: Budget | None, load: Load) -> dict[str, float]:
-    """By how much what is short is above its threshold, in cores and bytes; 0 where only programs wait for it."""
+    """Return by how much it is above, in cores and bytes; 0 if use is below the threshold but programs wait."""
     cores, memory = _budget(budget, load)
     most = {"cpu": load.cpu - limits.high * cores, "memory": load.memory - limits.high * memory}
     return {what: max(0.0, most[what]) for what in pressed(limits, budget, load)}
 
 
 def helps(over: Mapping[str, float], cpu: float, memory: float) -> bool:
-    """Whether freeing so much makes a difference to what is short."""
+    """Return whether freeing this much makes a difference to what is short."""
     freed = {"cpu": cpu, "memory": memory}
     return any(freed[what] >= max(LEAST[what], SHARE * much) for what, much in over.items())
 
 
 def cause(load: Load, what: str, own: Mapping[str, tuple[float, float]] | None = None) -> str:
-    """Who uses most of what is short, in words: of all, or of these services and what is not rorg's."""
+    """Return in words who uses most of what is short: among all, or among `own` services and programs outside rorg."""
     index = 0 if what == "cpu" else 1
     total = load.cpu if what == "cpu" else load.memory
     others = max(0.0, total - sum(use[index] for use in load.use.values()))
@@ -133,7 +136,8 @@ def cause(load: Load, what: str, own: Mapping[str, tuple[float, float]] | None =
 
 
 def calm(limits: Thresholds, budget: Budget | None, load: Load) -> bool:
-    """Well below every threshold."""
+    """Return whether load is well below every threshold. The gap between `high` and `low` keeps measures from
+    flapping."""
     cores, memory = _budget(budget, load)
     share = limits.low / limits.high
     return (
@@ -147,14 +151,14 @@ def calm(limits: Thresholds, budget: Budget | None, load: Load) -> bool:
 def advance(
     state: Pressure, limits: Thresholds | None, budget: Budget | None, load: Load | None, chances: Chances
 ) -> Pressure:
-    """The state after a sample. Without thresholds, or before the first sample, nothing is in force."""
+    """Return the state after a sample. Without thresholds, or before the first sample, nothing is in force."""
     if limits is None or load is None:
         return NONE
     if load.at <= state.seen:
         return state
     state = replace(state, seen=load.at)
     over = pressed(limits, budget, load)
-    # A sample covers the time since the one before: only one that began after the last measure tells its effect.
+    # A sample covers the time since the one before. Only a sample that began after the last measure shows its effect.
     tells = not state.engaged or load.at - state.changed_at >= 2 * limits.step - 0.01
     tells = tells and not (chances.settling and load.at - state.changed_at < PATIENCE)
     if over:
@@ -182,7 +186,7 @@ def _budget(budget: Budget | None, load: Load) -> tuple[float, float]:
 
 
 def _more(state: Pressure, over: Mapping[str, str], load: Load, chances: Chances) -> Pressure:
-    """Takes the mildest measure that helps and is not in force."""
+    """Take the mildest measure that helps and is not yet in force."""
     state = replace(state, helpless=False)
     for measure in MEASURES[:-1]:
         if measure in chances.useful and not state.in_force(measure):
@@ -217,20 +221,20 @@ def _shed(state: Pressure, victim: Victim, reason: str, load: Load) -> Pressure:
 
 
 def _swap(state: Pressure, limits: Thresholds, budget: Budget | None, load: Load, chances: Chances) -> Pressure | None:
-    """Brings back what was shed and matters more by now than others that run, in their place: only where it fits
-    then, so that nobody is swapped to and fro."""
-    cores, memory = (limits.high * most for most in _budget(budget, load))
+    """Bring back a shed service that now matters more than others that run, by shedding those. Only if it fits then;
+    otherwise services would be swapped back and forth."""
+    core_limit, memory_limit = (limits.high * most for most in _budget(budget, load))
     for shed in state.shed:
-        cpu, used, victims = load.cpu + shed.cpu, load.memory + shed.memory, []
+        cpu_use, memory_use, victims = load.cpu + shed.cpu, load.memory + shed.memory, []
         for victim in chances.below(shed.service):
-            over = {"cpu": cpu - cores, "memory": used - memory}
-            if cpu <= cores and used <= memory:
+            over = {"cpu": cpu_use - core_limit, "memory": memory_use - memory_limit}
+            if cpu_use <= core_limit and memory_use <= memory_limit:
                 break
             if not helps({what: much for what, much in over.items() if much > 0}, *victim[1:]):
                 continue
             victims.append(victim)
-            cpu, used = cpu - victim[1], used - victim[2]
-        if not victims or cpu > cores or used > memory:
+            cpu_use, memory_use = cpu_use - victim[1], memory_use - victim[2]
+        if not victims or cpu_use > core_limit or memory_use > memory_limit:
             continue
         wait = state.restored.get(shed.service, (0.0, 0.0))[1]
         state = replace(
@@ -246,12 +250,12 @@ def _swap(state: Pressure, limits: Thresholds, budget: Budget | None, load: Load
 
 
 def without(state: Pressure, services: Collection[str]) -> Pressure:
-    """Not shed any more, without waiting for room."""
+    """Return the state with these services no longer shed, without waiting for room."""
     return replace(state, shed=tuple(s for s in state.shed if s.service not in services))
 
 
 def _less(state: Pressure, limits: Thresholds, budget: Budget | None, load: Load) -> Pressure:
-    """Undoes the last measure, once calm has lasted; what was shed comes back only when it fits."""
+    """Undo the last measure after calm has lasted long enough. A shed service comes back only if it fits."""
     since = load.at if state.calm_since is None else state.calm_since
     cores, memory = _budget(budget, load)
     for shed in reversed(state.shed):
@@ -269,7 +273,7 @@ def _less(state: Pressure, limits: Thresholds, budget: Budget | None, load: Load
             )
     if not state.level or load.at - since < limits.calm:
         return state
-    # What does not fit stays away, but keeps nobody else away.
+    # A shed service that does not fit stays shed, but other measures may be undone.
     level = state.level - 1
     while level and MEASURES[level - 1] in state.skipped:
         level -= 1

@@ -1,4 +1,5 @@
-"""On which run of what it needs a run counts: so that a need that was restarted is told from one that was added."""
+"""Restart propagation: which runs of its needs a run relies on. It tells a need that was restarted from one that was
+only added to the manifest. A ROS node is lost to the graph when roscore restarts, so it must restart too."""
 
 from __future__ import annotations
 
@@ -11,15 +12,15 @@ from rorg.model.catalog import Service
 
 @dataclass(frozen=True, slots=True)
 class CountedOn:
-    """Of one run of a service: the runs of those needs whose restart restarts it (`needs: [{restart: true}]`)."""
+    """The runs of needs on which one run of a service relies, for needs declared with `restart: true`."""
 
     run: str = ""
-    """Its own incarnation."""
+    """The service's own incarnation."""
     needs: Mapping[str, str] = field(default_factory=dict)
-    """Need -> incarnation; "" for one that was restarted already when this was noticed."""
+    """Need -> incarnation; "" if it was already restarted when this was noticed."""
 
     def lost(self, need: str, container: Container, now: Container) -> bool:
-        """The run of `container` counted on another run of the need than that of `now`."""
+        """Return whether the run of `container` relied on a run of the need that is over."""
         counted_on = self.needs.get(need, now.incarnation)
         return not now.brief and self.run == container.incarnation and counted_on != now.incarnation
 
@@ -31,20 +32,22 @@ def counts_on(
     containers: Mapping[str, Sequence[Container]],
     begun: Mapping[str, str] | None,
 ) -> CountedOn:
-    """Notes what a run counts on, once for each need: of a run that we began, what was there then (`begun`). Of one
-    that is new to us the order of the starts tells, by the engine's clock: a service starts after what it needs. A
-    need that is added later is taken as it is."""
+    """Note what a run relies on, once per need.
+
+    For a run that rorg began, these are the runs at that time (`begun`). For a run that rorg finds, the engine's start
+    times decide: a service starts after its needs. A need that is added later is taken as it is.
+    """
     if current is None or not current.alive or current.brief:
         return known
     first = known.run != current.incarnation
     needs = (begun or {}) if first else known.needs
     needs = {n: run for n, run in needs.items() if n in service.restarts_with}
     for need in service.restarts_with:
-        found = next(iter(containers.get(need, ())), None)
-        if need in needs or found is None or not found.started_at:
+        container = next(iter(containers.get(need, ())), None)
+        if need in needs or container is None or not container.started_at:
             continue
         if first:
-            needs[need] = found.incarnation if found.started_at <= current.started_at else ""
-        elif found.alive:
-            needs[need] = found.incarnation
+            needs[need] = container.incarnation if container.started_at <= current.started_at else ""
+        elif container.alive:
+            needs[need] = container.incarnation
     return known if not first and needs == known.needs else CountedOn(current.incarnation, needs)

@@ -1,4 +1,5 @@
-"""What leads a service from what is observed to what is desired: a chain of engine calls, not yet let through."""
+"""Reconciliation: the chain of engine calls that leads a service from what is observed to what is desired. The gates
+(gates.py) decide afterwards how much of it may happen now."""
 
 from __future__ import annotations
 
@@ -24,34 +25,34 @@ from rorg.model.codes import DEVICE
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Chain:
-    """Of one service. `notes` hold nothing back and are worth telling; `alarm` is the time at which something will be
-    done that is no waiting of anybody's."""
+    """The chain of one service. `notes` hold nothing back but are reported; `alarm` is when something is due that no
+    waiting mentions."""
 
     steps: tuple[Step, ...]
     notes: tuple[Waiting, ...]
     alarm: float | None
 
 
-def chain(view: View, service: Service, moving: Callable[[str], bool]) -> Chain:
-    """All steps of a service. `moving` says of what it needs whether the plan has actions for it already."""
-    found = _Reconciled(view, service, moving)
-    steps = found.steps()
-    return Chain(steps=tuple(steps), notes=tuple(found.notes), alarm=found.alarm)
+def chain(view: View, service: Service, has_actions: Callable[[str], bool]) -> Chain:
+    """Return the chain of a service. `has_actions` returns whether the plan already has actions for a service."""
+    reconciled = _Reconciled(view, service, has_actions)
+    steps = reconciled.steps()
+    return Chain(steps=tuple(steps), notes=tuple(reconciled.notes), alarm=reconciled.alarm)
 
 
 class _Reconciled:
-    def __init__(self, view: View, service: Service, moving: Callable[[str], bool]) -> None:
-        self.view, self.service, self.moving = view, service, moving
+    def __init__(self, view: View, service: Service, has_actions: Callable[[str], bool]) -> None:
+        self.view, self.service, self.has_actions = view, service, has_actions
         self.s, self.desired, self.name = view.s, view.desired, service.name
         self.step = view.s.memory.of(service.name)
         self.nodes = nodes_of(service, view.s.devices)
         self.moved = {c.id: other for c in view.of(service.name) if (other := moved(view, service, c))}
-        """Container -> a service that has another container than the one that it was joined to."""
+        """Container id -> a joined service that has another container now."""
         self.notes: list[Waiting] = []
         self.alarm: float | None = None
 
     def steps(self) -> list[Step]:
-        """All steps of a service, from what is observed to what is desired."""
+        """Return all steps of a service, from what is observed to what is desired."""
         name, spec = self.name, self.service.spec or {}
         pairs = [(c, self.difference(c, spec)) for c in self.view.of(name)]
         current = next(((c, d) for c, d in pairs if not d.recreate and c.id not in self.moved), None)
@@ -72,16 +73,16 @@ class _Reconciled:
             new_name = self.free_name([c for c, _ in stale])
             steps.append(self.create(new_name, stale, swap.old))
         others = self.clear([p for p in stale if p[0] is not swap.old], True)
-        # The trial goes on beside what is removed here, so the removals are no part of a replacement.
+        # The trial goes on beside these removals, so they are not part of a replacement.
         steps += [replace(step, surplus=True) for step in others] if swap.under_way else others
         if swap.old:
             steps += self.make_room(swap.old)
         if current:
-            steps += adjust(self.view, self.service, self.moving, *current)
+            steps += adjust(self.view, self.service, self.has_actions, *current)
             later = deferred(self.view, self.service, content_to_restart_for(self.view, self.service, current[0]))
             self.notes += [later] if later else []
         elif new_name != self.service.container_name and self.s.engine.rename:
-            steps.append(Step(Rename(name=self.service.container_name), "it takes its name"))
+            steps.append(Step(Rename(name=self.service.container_name), "it takes over the name"))
         if swap.old and swap.old.alive:
             steps.append(stop(swap.old, "changed", self.service))
         steps += self.run(current and current[0], steps, self.desired.editions[name] if swap.old else "")
@@ -92,31 +93,31 @@ class _Reconciled:
         return restarting(current and current[0], steps)
 
     def difference(self, container: Container, spec: Spec) -> Difference:
-        """One that is at rest cannot start on a network that is another one by now, though it is called the same; and
-        none has a device that is another node by now."""
-        found = difference(container, spec, self.desired.digests[self.name], self.desired.declared[self.name])
-        nodes = (NODES,) if not found.recreate and replugged(container, self.nodes) else ()
+        """Add differences that no option shows: a stopped container cannot start on a network that was recreated, even
+        under the same name; and a container's device may be at another node now."""
+        declared = difference(container, spec, self.desired.digests[self.name], self.desired.declared[self.name])
+        nodes = (NODES,) if not declared.recreate and replugged(container, self.nodes) else ()
         networks = ("networks",) if self.on_another(container) else ()
-        more = (*nodes, *networks, *self.not_in_place(container, found))
-        return replace(found, recreate=(*found.recreate, *more)) if more else found
+        more = (*nodes, *networks, *self.not_in_place(container, declared))
+        return replace(declared, recreate=(*declared.recreate, *more)) if more else declared
 
-    def not_in_place(self, container: Container, found: Difference) -> tuple[str, ...]:
-        """Options that another engine would change in place: its name, unless that was only made unique, and live
-        options."""
+    def not_in_place(self, container: Container, declared: Difference) -> tuple[str, ...]:
+        """Return options that an engine with `rename` and `update` would change in place. A name that was only made
+        unique is no difference."""
         own, engine = self.service.container_name, self.s.engine
         named = engine.rename or container.name == own or container.name.startswith(f"{own}.")
-        return (*(() if named else ("container_name",)), *(() if engine.update else sorted(found.live)))
+        return (*(() if named else ("container_name",)), *(() if engine.update else sorted(declared.live)))
 
     def on_another(self, container: Container) -> bool:
-        """Whether it is at rest, and a network that it was joined to is not the one that is there now, or will not
-        be."""
+        """Return whether a stopped container was joined to a network that no longer exists or is about to be
+        replaced."""
         objects = self.s.observed.objects if container.networks and not container.alive else None
         for name in self.desired.uses.get(self.name, ()) if objects else ():
-            one = self.desired.objects[name]
-            joined = container.networks.get(one.called, "") if one.kind == "network" else ""
-            there = objects.found.get(one.key) if objects else None
-            known = there is not None or (objects is not None and one.key in objects.asked)
-            if joined and known and (there is None or there.id != joined or self.moving(name)):
+            network = self.desired.objects[name]
+            joined = container.networks.get(network.called, "") if network.kind == "network" else ""
+            existing = objects.found.get(network.key) if objects else None
+            known = existing is not None or (objects is not None and network.key in objects.asked)
+            if joined and known and (existing is None or existing.id != joined or self.has_actions(name)):
                 return True
         return False
 
@@ -126,19 +127,20 @@ class _Reconciled:
         current: tuple[Container, Difference] | None,
         stale: list[tuple[Container, Difference]],
     ) -> list[Step]:
-        """The new container cannot be had, or did not come up: the one before it goes on, or again."""
+        """Return the steps that keep or restore the previous container, because the new one cannot be created or did
+        not come up."""
         old, new = swap.old, current and current[0]
         assert old is not None
         if swap.failed:
             self.notes.append(Waiting(self.name, swap.failed, code="failed"))
         if not (self.name in self.s.wanted or self.keeps(True)):
             return self.clear([p for p in (*stale, current) if p], False)
-        why = f"back to the one before: {swap.update.failed}" if swap.failed else "changed"
+        why = f"back to the previous container: {swap.update.failed}" if swap.failed else "changed"
         others = [c for c, _ in stale if c is not old] + ([] if new is None else [new])
         steps = [stop(c, why, self.service) for c in others if c.alive]
         steps += [
             s
-            for s in adjust(self.view, self.service, self.moving, old, Difference())
+            for s in adjust(self.view, self.service, self.has_actions, old, Difference())
             if not others or not isinstance(s.operation, Rename)
         ]
         steps += self.run(old, steps)
@@ -151,16 +153,16 @@ class _Reconciled:
         return steps if swap.failed else [*steps, self.create(self.free_name([old]), stale, old)]
 
     def must_restart(self, old: Container) -> str:
-        """Why the current run ends and begins again while its change waits for others of its set: no new container of
-        the set takes its place before all are there. Empty if the run goes on."""
+        """Return why the current run ends and begins again while its change waits for its set: no new container of the
+        set takes its place before all of them exist. "" if the run goes on."""
         waits = self.step.update.held and self.name in self.s.wanted and old.id not in self.moved
         if not waits or not old.alive or self.name in self.s.restarts:
             return ""
-        return cannot_go_on(self.view, self.service, self.moving, old)
+        return cannot_go_on(self.view, self.service, self.has_actions, old)
 
     def worth(self, stale: list[tuple[Container, Difference]]) -> list[Container]:
-        """Those that may be gone back to. One that would only be joined to others is what the new one is; what cannot
-        start any more is nothing to go back to."""
+        """Return the containers that are worth going back to. A container that is only joined to old containers is no
+        different from the new one, and one that cannot start is useless."""
         return [
             c
             for c, diff in stale
@@ -170,14 +172,15 @@ class _Reconciled:
         ]
 
     def changed(self, stale: list[tuple[Container, Difference]]) -> tuple[str, ...]:
-        """Options in which containers are otherwise than declared, and which may wait for a better time. Not of a run
-        whose namespace has ended: that is replaced whatever has changed."""
+        """Return the options in which containers differ and whose change may wait. A run whose joined namespace has
+        ended is replaced in any case."""
         if any(c.id in self.moved and c.alive for c, _ in stale):
             return ()
         return tuple(sorted({field for _, difference in stale for field in difference.recreate}))
 
     def not_to_be_made(self) -> bool:
-        """Nobody wants it, and its device, or what its container would be joined to, is not there."""
+        """Return whether creation can wait: the service is unwanted, and its device or a container to join is
+        missing."""
         other = missing(self.view, self.service)
         if self.name in self.s.wanted or not (other or self.name in self.s.unplugged):
             return False
@@ -188,33 +191,33 @@ class _Reconciled:
         return True
 
     def run(self, container: Container | None, steps: list[Step], trial: str = "") -> list[Step]:
-        """What makes it active, or ceases it. `trial` is the edition that a start tries."""
+        """Return the steps that activate or cease it. `trial` is the edition that a start tries."""
         if self.name in self.s.wanted:
             return self.wake(container, steps, trial)
         return self.cease(container) if container else []
 
     def make_room(self, old: Container) -> list[Step]:
-        """The name of the service is for the new container; the old one keeps a passing one."""
+        """The new container takes the service's name; the old one gets a temporary one."""
         if old.name != self.service.container_name or not self.s.engine.rename:
             return []
         name = f"{self.service.container_name}.{old.digest.partition(':')[2][:8] or old.id[:8]}"
         return [Step(Rename(container=old.id, name=name), "changed")]
 
     def keeps(self, has_one: bool) -> bool:
-        """Whether it has a container while nobody wants it. One that was removed at the end of its idling is not made
+        """Return whether it has a container while unwanted. A container removed at the end of idling is not created
         again."""
         ends_removed = self.service.idle.escalate is not None and self.service.idle.escalate[1] == "remove"
         return self.service.idle.action != "remove" and (has_one or not ends_removed)
 
     def free_name(self, stale: list[Container]) -> str:
-        """The service's name, or one made of the digest while an older container of the service still has it."""
+        """Return the service's name, or a temporary one while an older container has it."""
         names = [c.name for c in stale]
         if self.service.container_name in names:
             return passing_name(self.view, self.service, names)
         return self.service.container_name
 
     def create(self, name: str, stale: list[tuple[Container, Difference]], old: Container | None) -> Step:
-        """`old` is to be gone back to if the new one does not come up."""
+        """Return the step that creates a container. `old` is kept in case the new one does not come up."""
         declared, made_from = self.service.spec or {}, self.desired.digests[self.name]
         spec, joined = with_ids(self.view, self.service)
         previous, secrets = old.id if old else "", self.service.secrets
@@ -240,7 +243,7 @@ class _Reconciled:
         return Rules(self.service.interlock, self.service.exclusive, self.desired.conflicts[self.name])
 
     def clear(self, stale: list[tuple[Container, Difference]], keep: bool) -> list[Step]:
-        """The way out for containers that are not (or no longer) the service's one."""
+        """Return the steps that remove containers other than the service's current one."""
         steps: list[Step] = []
         for container, diff in stale:
             another = diff.recreate or container.id in self.moved
@@ -255,9 +258,9 @@ class _Reconciled:
             return []
         why = str(self.s.wanted[self.name][0])
         runs = {
-            n: found.incarnation
+            n: need_container.incarnation
             for n in self.service.restarts_with
-            if (found := self.view.current(n)) and found.started_at
+            if (need_container := self.view.current(n)) and need_container.started_at
         }
         read = self.desired.contents.get(self.name)
         start = Start(
@@ -283,7 +286,7 @@ class _Reconciled:
         return [Step(start, why)]
 
     def without_device(self, container: Container) -> list[Step]:
-        """What becomes of one that runs and whose device is gone."""
+        """Return the steps for a running service whose device is gone."""
         why = self.s.unplugged.get(self.name, "")
         if not why or self.service.unplugged == "keep":
             return []

@@ -1,4 +1,5 @@
-"""The life of requests: what may be accepted, and which are still live."""
+"""The life of requests: which may be accepted, and which are still live. The paper (section III-B) defines a request as
+a relation between services that lasts until the requester releases it or ends."""
 
 from __future__ import annotations
 
@@ -16,22 +17,22 @@ from rorg.model.graph import closure, conflicting, overbooked
 from rorg.model.units import format_seconds
 
 MOST_TOLD = 10
-"""Unknown names that are told of one request."""
+"""Unknown names listed per request."""
 
 
 class ProblemCode(StrEnum):
     """Why a request cannot be accepted."""
 
     UNKNOWN = "unknown"
-    """The requester, or something that it names, is not declared."""
+    """The requester or a requested name is not declared."""
     EMPTY = "empty"
     """It names no service."""
     CONFLICT = "conflict"
-    """Two services that would both be wanted must not be active together."""
+    """It would make two conflicting services wanted."""
     RESOURCES = "resources"
-    """It takes more units of an exclusive resource than there are."""
+    """It needs more units of an exclusive resource than exist."""
     OVER_BUDGET = "over-budget"
-    """Its services would use more than the Policy's budget, which says `over: refuse`."""
+    """Its services would exceed the Policy's budget, which says `over: refuse`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,34 +45,34 @@ class Problem:
 
     @property
     def mistaken(self) -> bool:
-        """The request is wrong in itself, and not only in the way of what else is asked for."""
+        """Whether the request is wrong in itself, rather than incompatible with other requests."""
         return self.code in (ProblemCode.UNKNOWN, ProblemCode.EMPTY)
 
 
 @dataclass(frozen=True, slots=True)
 class Settled:
-    """Requests after a look at their requesters' incarnations."""
+    """Requests after their requesters' runs were checked."""
 
     requests: tuple[Request, ...]
     dropped: tuple[tuple[Request, str], ...] = ()
-    """Requests whose incarnation is over, each with the reason."""
+    """Requests whose requester's run is over or whose lease ran out, with the reason."""
     bound: tuple[Request, ...] = ()
-    """Requests that were written without an incarnation, now with the one that runs."""
+    """Requests that were written without an incarnation and now have that of the current run."""
     leases: Mapping[tuple[str, str], Lease] = field(default_factory=dict)
 
 
 def tried_again(memory: Memory, catalog: Catalog, requests: Sequence[Request]) -> Memory:
-    """Drop the back-off of everything that a new request names, and of what that needs: a new request gets an attempt
-    now. Sending the same request again changes nothing, or a repeated request would hurry a crash loop."""
+    """Drop the back-off of everything that a new request names or needs, so that it is tried immediately. Repeating the
+    same request changes nothing; otherwise a client in a loop would speed up a crash loop."""
     before, memory = memory.asked, memory if memory.asked == requests else replace(memory, asked=tuple(requests))
     if before is None or before == requests:
         return memory
     known = {(r.key, r.services) for r in before}
     asked = {m for r in requests if (r.key, r.services) not in known for s in r.services for m in catalog.members(s)}
     progress = {
-        name: replace(step, exits=0, attempts={}, error="")
+        name: replace(progress_of, exits=0, attempts={}, error="")
         for name in closure(catalog.services, asked)
-        if (step := memory.of(name)).exits or step.attempts
+        if (progress_of := memory.of(name)).exits or progress_of.attempts
     }
     return replace(memory, progress={**memory.progress, **progress}) if progress else memory
 
@@ -84,12 +85,13 @@ def settle(
     renewals: Mapping[tuple[str, str], int] | None = None,
     now: float = 0.0,
 ) -> Settled:
-    """Drops requests of dead incarnations and those whose lease ran out, and binds those that name no incarnation.
-    Paused requesters keep theirs, and no lease runs out meanwhile: they cannot renew it. Nothing is concluded while
-    observation is incomplete.
+    """Drop requests of ended runs and expired leases, and bind requests that name no run.
 
-    A lease begins when the loop first sees it or its renewal, so a restart of rorg gives every request its full time
-    again; therefore renewals (numbered in `renewals`) need not be written down.
+    Requests of a paused requester stay, and their leases do not run out, because it cannot renew them. While the
+    observation is incomplete nothing is dropped.
+
+    A lease begins when the loop first sees it or its renewal. So a restart of rorg gives every lease its full time
+    again, and renewals (numbered in `renewals`) need not be written to disk.
     """
     settled = _by_incarnation(catalog, requests, observed)
     by_service = observed.by_service()
@@ -104,7 +106,7 @@ def settle(
         asleep = any(c.state == "paused" for c in by_service.get(request.requester, [])[:1])
         if lease is None or lease.stamp != stamp or asleep or not observed.complete:
             lease = Lease(stamp, now + request.ttl)
-        # Kept in mind even when it has run out: should the drop not be written down, it stays so.
+        # Remember an expired lease too: if the drop cannot be written to disk, the request must stay expired.
         held[request.key] = lease
         if lease.until <= now:
             expired.append((request, f"its lease of {format_seconds(request.ttl)} ran out"))
@@ -120,10 +122,10 @@ def _by_incarnation(catalog: Catalog, requests: Iterable[Request], observed: Obs
     by_service = observed.by_service()
     for request in requests:
         service = catalog.services.get(request.requester)
-        bodiless = service is not None and service.meta and request.incarnation is None
-        # A bridge asks for callers that outlive its own runs: what it holds ends with its lease.
-        carried = service is not None and service.may_act_for and request.ttl is not None
-        if request.standing or not observed.complete or bodiless or carried:
+        by_meta_service = service is not None and service.meta and request.incarnation is None
+        # A bridge requests on behalf of callers that outlive its own runs; such a request ends with its lease.
+        by_bridge = service is not None and service.may_act_for and request.ttl is not None
+        if request.standing or not observed.complete or by_meta_service or by_bridge:
             kept.append(request)
             continue
         containers = by_service.get(request.requester, [])
@@ -150,22 +152,22 @@ def _obituary(request: Request, containers: list[Container]) -> str:
 
 
 def problems(catalog: Catalog, existing: Iterable[Request], new: Request) -> list[Problem]:
-    """Why a request cannot be accepted; empty when it can. Accepted whole or not at all."""
-    found = mistakes(catalog, new)
-    if found:
-        return found
+    """Return why a request cannot be accepted; empty if it can. It is accepted whole or not at all."""
+    problems_found = mistakes(catalog, new)
+    if problems_found:
+        return problems_found
     kept = [r for r in existing if r.key != new.key]
-    # A conflict must not come up later either, so the requester counts as active.
+    # Count the requester as active: otherwise the conflict would come up when it becomes active.
     ask = Request(new.id, "developer", (new.requester, *new.services))
     names = set(wanted(catalog, [*catalog.requests, *kept, new, ask]))
     before = set(conflicting(catalog.services, wanted(catalog, [*catalog.requests, *kept])))
     for a, b in conflicting(catalog.services, names):
         if (a, b) not in before:
             cause = f"'{a}' and '{b}' conflict and would both be wanted"
-            found.append(Problem(ProblemCode.CONFLICT, cause, "`rorg why` for who wants which"))
+            problems_found.append(Problem(ProblemCode.CONFLICT, cause, "`rorg why` for who wants which"))
     own = [new.requester, *(m for s in new.services for m in catalog.members(s))]
     remedy = "requesting them one after another, or `resources` in the Policy"
-    found += [
+    problems_found += [
         Problem(ProblemCode.RESOURCES, f"it does not fit: {why}", remedy)
         for why in overbooked(catalog, closure(catalog.services, own))
     ]
@@ -173,25 +175,25 @@ def problems(catalog: Catalog, existing: Iterable[Request], new: Request) -> lis
     if budget and budget.over == "refuse":
         why = over_budget(catalog, names)
         if why and expected(catalog, names) != expected(catalog, wanted(catalog, [*catalog.requests, *kept])):
-            remedy = "releasing something, or a larger budget in the Policy"
-            found.append(Problem(ProblemCode.OVER_BUDGET, f"it does not fit: {why}", remedy))
-    return found
+            remedy = "`rorg release`, or a larger budget in the Policy"
+            problems_found.append(Problem(ProblemCode.OVER_BUDGET, f"it does not fit: {why}", remedy))
+    return problems_found
 
 
 def mistakes(catalog: Catalog, new: Request) -> list[Problem]:
-    """What is wrong with a request whatever else is asked for."""
-    found: list[Problem] = []
+    """Return what is wrong with a request regardless of other requests."""
+    mistakes_found: list[Problem] = []
     if new.requester not in catalog.services:
         cause = f"unknown requester '{new.requester}'"
-        found.append(Problem(ProblemCode.UNKNOWN, cause, nearest(new.requester, catalog.services)))
+        mistakes_found.append(Problem(ProblemCode.UNKNOWN, cause, nearest(new.requester, catalog.services)))
     if not new.services:
-        found.append(Problem(ProblemCode.EMPTY, "it names no service", "`rorg release` to give a request up"))
+        mistakes_found.append(Problem(ProblemCode.EMPTY, "it names no service", "`rorg release` to give a request up"))
     known = {*catalog.services, *catalog.groups}
     unknown = [name for name in new.services if name not in known]
     for name in unknown[:MOST_TOLD]:
-        # The nearest name is looked for among all, which takes its time: once is enough.
+        # Searching all names for a similar one takes long: do it only once.
         remedy = nearest(name, known) if name == unknown[0] else ""
-        found.append(Problem(ProblemCode.UNKNOWN, f"unknown service '{name}'", remedy))
+        mistakes_found.append(Problem(ProblemCode.UNKNOWN, f"unknown service '{name}'", remedy))
     if len(unknown) > MOST_TOLD:
-        found.append(Problem(ProblemCode.UNKNOWN, f"{len(unknown) - MOST_TOLD} more unknown services", ""))
-    return found
+        mistakes_found.append(Problem(ProblemCode.UNKNOWN, f"{len(unknown) - MOST_TOLD} more unknown services", ""))
+    return mistakes_found

@@ -1,7 +1,9 @@
-"""The trial of a new container: the one before it is kept until this one is ready and has stayed well for its bake;
-else it is gone back to, and what failed is quarantined: not tried again until it is changed, or a person says so.
+"""Rollout of a new container: the previous one is kept until the new one is ready and has stayed well for its bake.
+Otherwise rorg goes back to the previous one and quarantines what failed: it is not tried again until it changes or a
+person runs `rorg retry`.
 
-A new container carries the id of the one before it in a label, so whoever comes after a crash knows which is which.
+A new container carries the id of the previous one in a label, so after a crash of rorg the next run knows which is
+which.
 """
 
 from __future__ import annotations
@@ -22,57 +24,57 @@ from rorg.model.catalog import Service
 from rorg.model.units import format_seconds
 
 TRIAL = 2.0
-"""Seconds of running after which a service that does not say when it is ready has come up."""
+"""Seconds of running after which a service without a readiness probe has come up."""
 
 
 def candidate(containers: Sequence[Container], update: Update) -> tuple[Container, Container] | None:
-    """(the new container, the one before it), while the new one is not proven."""
+    """Return (new container, previous one) while the new one is not proven."""
     known = {c.id: c for c in containers}
     return next(((c, known[c.previous]) for c in containers if c.previous in known and c.id != update.proven), None)
 
 
-def came_up_at(step: Progress, service: Service) -> float | None:
-    """When a run has come up, so that others may count on it: once it is ready, where it is asked for that; else after
-    a moment of running, and never later than its bake ends. None while it is not ready."""
-    if step.well_since is None:
+def came_up_at(progress: Progress, service: Service) -> float | None:
+    """Return when a run has come up, so that other services may rely on it: when it is ready, if there is a probe;
+    otherwise after a moment of running, but not later than its bake. None while it is not ready."""
+    if progress.well_since is None:
         return None
-    return step.well_since if _is_asked(service) else step.well_since + min(TRIAL, service.update.bake)
+    return progress.well_since if _is_asked(service) else progress.well_since + min(TRIAL, service.update.bake)
 
 
-def has_come_up(step: Progress, service: Service, looked: float | None, now: float) -> bool:
-    """Whether others may count on a run. Where no probe has told, a look at its container must have begun since;
-    `looked` is when the last one did."""
-    up = came_up_at(step, service)
+def has_come_up(progress: Progress, service: Service, looked: float | None, now: float) -> bool:
+    """Return whether other services may rely on a run. Without a probe, a look at its container must have begun since
+    it came up; `looked` is when the last one began."""
+    up = came_up_at(progress, service)
     return up is not None and up <= now and (_is_asked(service) or (looked is not None and looked >= up))
 
 
 def _is_asked(service: Service) -> bool:
-    """Whether a probe tells that it is ready, rather than the clock."""
+    """Return whether a probe tells its readiness, rather than a delay."""
     return service.ready is not None and service.ready.delay is None
 
 
 def fits(container: Container, name: str, desired: Desired) -> bool:
-    """It is what the manifest of its service says, as far as no new container would be needed."""
+    """Return whether a container matches its manifest, so that no new one is needed."""
     if container.digest == desired.digests[name]:
         return True
     spec = desired.catalog.services[name].spec or {}
     return not difference(container, spec, desired.digests[name], desired.declared[name]).recreate
 
 
-def renewed(step: Progress, edition: str, now: float) -> Progress:
-    """A new edition of a service begins afresh: no back-off, and its probes are asked again."""
-    was = step.update
-    if was.edition == edition:
-        return step
-    if not was.edition:
-        return replace(step, update=replace(was, edition=edition))
-    return replace(step, exits=0, attempts={}, error="", update=replace(was, edition=edition, since=now))
+def renewed(progress: Progress, edition: str, now: float) -> Progress:
+    """Start a new edition of a service without back-off and with new probe results."""
+    update = progress.update
+    if update.edition == edition:
+        return progress
+    if not update.edition:
+        return replace(progress, update=replace(update, edition=edition))
+    return replace(progress, exits=0, attempts={}, error="", update=replace(update, edition=edition, since=now))
 
 
 @dataclass(frozen=True, slots=True)
 class _Verdict:
-    """On a run. One that is neither passed nor has an error is open: for want of time, or, with `since`, of a look at
-    its container and of answers of its probes that began after that moment."""
+    """The verdict on a run. Without `passed` and `error` it is open: more time is needed, or, with `since`, a look at
+    the container and probe results that began after that moment."""
 
     passed: bool = False
     error: str = ""
@@ -82,144 +84,146 @@ class _Verdict:
 _OPEN = _Verdict()
 
 
-def judged(step: Progress, service: Service, desired: Desired, seen: Seen) -> Progress:
-    """Takes note of a trial that is over, and of an edition that has stayed well. Only of a wanted service, and not
-    while we act on it."""
+def judged(progress: Progress, service: Service, desired: Desired, seen: Seen) -> Progress:
+    """Note the end of a trial, and an edition that has stayed well. Only for a wanted service on which no call is under
+    way."""
     containers = seen.containers.get(service.name, ())
-    if not containers or not seen.wanted or seen.busy or seen.unplugged or step.update.drawn:
-        return _awaiting(step, None)
-    pair = candidate(containers, step.update) if len(containers) > 1 else None
+    if not containers or not seen.wanted or seen.busy or seen.unplugged or progress.update.drawn:
+        return _awaiting(progress, None)
+    pair = candidate(containers, progress.update) if len(containers) > 1 else None
     if pair is None:
-        return _judged_alone(step, service, containers[0], desired, seen)
+        return _judged_alone(progress, service, containers[0], desired, seen)
     new, old = pair
     verdict = _OPEN
     if old.alive and not new.alive and old.started_at > new.created_at:
-        # Somebody went back already, and did not live to note it.
+        # An earlier run of rorg went back already and ended before it could note that.
         verdict = _Verdict(error=new.error or f"ended with exit code {new.exit_code}")
     elif containers[0].id == new.id:
-        verdict = _verdict(step, service, new, seen)
-        up = came_up_at(step, service)
+        verdict = _verdict(progress, service, new, seen)
+        up = came_up_at(progress, service)
         if verdict == _OPEN and up is not None and up <= seen.now and not _is_asked(service):
-            verdict = _Verdict(since=up)  # others may count on it from then on
-    step = _awaiting(step, verdict.since)
+            verdict = _Verdict(since=up)  # others may rely on it from then on
+    progress = _awaiting(progress, verdict.since)
     if verdict.passed:
-        step = _baked(step, service, new, desired)
-        # Of a set nobody is proven before all are (see atomic.py).
+        progress = _baked(progress, service, new, desired)
+        # In a set, none is proven before all are (see atomic.py).
         together = service.update.atomic in desired.sets
-        return step if together else replace(step, update=replace(step.update, proven=new.id))
-    return failed(step, verdict.error) if verdict.error and fits(new, service.name, desired) else step
+        return progress if together else replace(progress, update=replace(progress.update, proven=new.id))
+    return failed(progress, verdict.error) if verdict.error and fits(new, service.name, desired) else progress
 
 
-def _judged_alone(step: Progress, service: Service, current: Container, desired: Desired, seen: Seen) -> Progress:
-    """Of a service with nothing to go back to. Where its probes have changed, and its container has not, these decide:
-    one that does not say yes to them is not ready."""
-    update = step.update
+def _judged_alone(progress: Progress, service: Service, current: Container, desired: Desired, seen: Seen) -> Progress:
+    """Judge a service without a previous container. If only its probes changed, they decide about the running
+    container: if they do not answer in time, it is no longer ready."""
+    update = progress.update
     if update.baked == update.edition or not fits(current, service.name, desired):
-        return _awaiting(step, None)
-    verdict = _verdict(step, service, current, seen)
-    step = _awaiting(step, verdict.since)
+        return _awaiting(progress, None)
+    verdict = _verdict(progress, service, current, seen)
+    progress = _awaiting(progress, verdict.since)
     if verdict.passed:
-        return _baked(step, service, current, desired)
-    goes_on = step.running_since is not None and step.hung != step.incarnation
-    if verdict.error and goes_on and update.since > (step.running_since or 0.0) and not update.failed:
-        return replace(failed(step, verdict.error), ready=False, was_ready=False, well_since=None)
-    return step
+        return _baked(progress, service, current, desired)
+    goes_on = progress.running_since is not None and progress.hung != progress.incarnation
+    if verdict.error and goes_on and update.since > (progress.running_since or 0.0) and not update.failed:
+        return replace(failed(progress, verdict.error), ready=False, was_ready=False, well_since=None)
+    return progress
 
 
-def _awaiting(step: Progress, since: float | None) -> Progress:
-    return step if step.unproven_since == since else replace(step, unproven_since=since)
+def _awaiting(progress: Progress, since: float | None) -> Progress:
+    return progress if progress.unproven_since == since else replace(progress, unproven_since=since)
 
 
-def _verdict(step: Progress, service: Service, current: Container, seen: Seen) -> _Verdict:
-    """Whether a run has stayed well for its bake; or what is wrong with it."""
-    if current.state == "exited" and step.exited == current.incarnation:
-        done = current.exit_code == 0 and step.over(service, current)
-        return _Verdict(passed=True) if done else _Verdict(error=step.error)
-    if current.state != "running" or step.running_since is None or step.doubted_since is not None:
+def _verdict(progress: Progress, service: Service, current: Container, seen: Seen) -> _Verdict:
+    """Return whether a run has stayed well for its bake, or what is wrong with it."""
+    if current.state == "exited" and progress.exited == current.incarnation:
+        done = current.exit_code == 0 and progress.over(service, current)
+        return _Verdict(passed=True) if done else _Verdict(error=progress.error)
+    if current.state != "running" or progress.running_since is None or progress.doubted_since is not None:
         return _OPEN
-    if step.well_since is not None:
-        return _of_a_bake(step, service, current, seen)
-    if step.hung == step.incarnation:
-        return _Verdict(error=step.error or NO_ANSWER)
-    said = f": {step.probe}" if step.probe else ""
-    if step.was_ready:
-        return _Verdict(error=f"not ready any more{said}")
-    late_at = is_late_at(step, service)
+    if progress.well_since is not None:
+        return _of_a_bake(progress, service, current, seen)
+    if progress.hung == progress.incarnation:
+        return _Verdict(error=progress.error or NO_ANSWER)
+    said = f": {progress.probe}" if progress.probe else ""
+    if progress.was_ready:
+        return _Verdict(error=f"no longer ready{said}")
+    late_at = is_late_at(progress, service)
     if late_at is None or seen.now < late_at:
         return _OPEN
-    told = seen.looked_since(current, late_at) and _answers(step, service, seen, late_at) is not None
+    told = seen.looked_since(current, late_at) and _answers(progress, service, seen, late_at) is not None
     return _Verdict(error=_not_ready(service, said)) if told else _Verdict(since=late_at)
 
 
-def bake_ends_at(step: Progress, service: Service) -> float | None:
-    """When a run has been well for its bake, if it goes on like this; not before its edition was declared."""
-    return None if step.well_since is None else max(step.well_since + service.update.bake, step.update.since)
+def bake_ends_at(progress: Progress, service: Service) -> float | None:
+    """Return when a run has been well for its bake, if nothing goes wrong; not before its edition was declared."""
+    return (
+        None if progress.well_since is None else max(progress.well_since + service.update.bake, progress.update.since)
+    )
 
 
-def is_late_at(step: Progress, service: Service) -> float | None:
-    """When a run that does not say that it is ready, as it is to be asked now, has had the time for it."""
-    if step.running_since is None or service.ready is None or not _is_asked(service):
+def is_late_at(progress: Progress, service: Service) -> float | None:
+    """Return when a run that is not ready, according to its present probe, has had enough time for it."""
+    if progress.running_since is None or service.ready is None or not _is_asked(service):
         return None
-    since = bake_ends_at(step, service)
-    return (max(step.running_since, step.update.since) if since is None else since) + service.ready.timeout
+    since = bake_ends_at(progress, service)
+    return (max(progress.running_since, progress.update.since) if since is None else since) + service.ready.timeout
 
 
-def _of_a_bake(step: Progress, service: Service, current: Container, seen: Seen) -> _Verdict:
-    """Of a run that is well as far as is known. One that does not answer `ready` any more has its timeout to do so."""
-    over = bake_ends_at(step, service)
-    if over is None or seen.now < over:
+def _of_a_bake(progress: Progress, service: Service, current: Container, seen: Seen) -> _Verdict:
+    """Judge a run that is well as far as known. If its `ready` probe stops answering, it has its timeout to recover."""
+    bake_end = bake_ends_at(progress, service)
+    if bake_end is None or seen.now < bake_end:
         return _OPEN
-    answers = _answers(step, service, seen, over)
-    if answers is None or not seen.looked_since(current, over):
-        return _Verdict(since=over)
-    if all(found.ok for found in answers):
+    answers = _answers(progress, service, seen, bake_end)
+    if answers is None or not seen.looked_since(current, bake_end):
+        return _Verdict(since=bake_end)
+    if all(result.ok for result in answers):
         return _Verdict(passed=True)
-    late_at, found = is_late_at(step, service), seen.ready
-    late = late_at is not None and seen.now >= late_at and found is not None and not found.ok and found.failures
-    return _Verdict(error=_not_ready(service, f": {found.message}")) if late and found else _Verdict(since=over)
+    late_at, result = is_late_at(progress, service), seen.ready
+    late = late_at is not None and seen.now >= late_at and result is not None and not result.ok and result.failures
+    return _Verdict(error=_not_ready(service, f": {result.message}")) if late and result else _Verdict(since=bake_end)
 
 
-def _answers(step: Progress, service: Service, seen: Seen, since: float) -> Sequence[ProbeResult] | None:
-    """What the probes of a run have said that were asked since; None while one of them has not."""
+def _answers(progress: Progress, service: Service, seen: Seen, since: float) -> Sequence[ProbeResult] | None:
+    """Return the probe results of a run that began since; None while one is missing."""
     asked = [seen.ready] if _is_asked(service) else []
-    asked += [seen.live] if service.live is not None and step.was_ready else []
-    found = [a for a in asked if a is not None and a.incarnation == step.incarnation and a.at >= since]
-    return found if len(found) == len(asked) else None
+    asked += [seen.live] if service.live is not None and progress.was_ready else []
+    results = [a for a in asked if a is not None and a.incarnation == progress.incarnation and a.at >= since]
+    return results if len(results) == len(asked) else None
 
 
 def _not_ready(service: Service, said: str) -> str:
     return f"not ready within {format_seconds(service.ready.timeout if service.ready else 0.0)}{said}"
 
 
-def _baked(step: Progress, service: Service, current: Container, desired: Desired) -> Progress:
-    """With its edition noted as one that has stayed well."""
-    update, name = step.update, service.name
+def _baked(progress: Progress, service: Service, current: Container, desired: Desired) -> Progress:
+    """Note that the edition has stayed well."""
+    update, name = progress.update, service.name
     if update.baked == update.edition or not fits(current, name, desired):
-        return step
+        return progress
     if service.on_change != "none" and changed(update, current, desired.contents.get(name, {})):
-        return step  # this run has not read what is there
-    return replace(step, update=replace(update, baked=update.edition))
+        return progress  # this run has not read the present content
+    return replace(progress, update=replace(update, baked=update.edition))
 
 
-def failed(step: Progress, error: str) -> Progress:
-    """With the edition that is desired in quarantine. What there is to go back to begins afresh."""
-    if step.update.edition in step.update.quarantined:
-        return step
-    return replace(step, exits=0, attempts={}, error="", update=step.update.quarantine(error))
+def failed(progress: Progress, error: str) -> Progress:
+    """Quarantine the desired edition. The previous container starts without back-off."""
+    if progress.update.edition in progress.update.quarantined:
+        return progress
+    return replace(progress, exits=0, attempts={}, error="", update=progress.update.quarantine(error))
 
 
-def refused(step: Progress, action: Action, error: str) -> Progress:
-    """The engine refused an action for what was asked, not for want of an answer."""
+def refused(progress: Progress, action: Action, error: str) -> Progress:
+    """Note that the engine refused a trial's start because of what was asked, rather than not answering."""
     operation = action.operation
     tried = operation.trial if isinstance(operation, Start) else ""
-    return failed(step, error) if tried and tried == step.update.edition else step
+    return failed(progress, error) if tried and tried == progress.update.edition else progress
 
 
 def retried(memory: Memory, asked: Mapping[str, str]) -> Memory:
-    """With the quarantine of these services lifted, each once for each time at which that was asked for."""
+    """Lift the quarantine of these services, once per request."""
     progress = {
-        name: replace(step, attempts={}, update=replace(step.update, quarantined={}, lifted=at))
+        name: replace(progress_of, attempts={}, update=replace(progress_of.update, quarantined={}, lifted=at))
         for name, at in asked.items()
-        if (step := memory.of(name)).update.lifted != at
+        if (progress_of := memory.of(name)).update.lifted != at
     }
     return replace(memory, progress={**memory.progress, **progress}) if progress else memory

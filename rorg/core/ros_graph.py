@@ -1,7 +1,7 @@
-"""The graph of a ROS 1 master as a value: which service runs which node, and who is connected to whom.
+"""The graph of a ROS 1 master as a value: which service runs which node, and which nodes are connected.
 
-The master knows who publishes, who subscribes and who provides a service. It does not know who calls a service, nor
-whether a topic is latched.
+The master knows publishers, subscribers and providers of services. It does not know who calls a service, or whether a
+topic is latched.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from itertools import chain
 from rorg.model.catalog import Service
 
 EVERYBODY = frozenset(("/rosout", "/rosout_agg"))
-"""Topics that connect every node with the master's own one, and tell nothing of what nodes have to do with each
-other."""
+"""Topics that connect every node with rosout, so they say nothing about how nodes depend on each other."""
 
 
 @dataclass(frozen=True, slots=True)
 class Takeover:
-    """A node that one service ran and another one runs now, while both are to be active or are."""
+    """A node name that moved from one service to another while both are active or wanted. ROS 1 allows each name once:
+    the older node shuts down, or does so when it is resumed."""
 
     node: str
     former: str
@@ -31,57 +31,57 @@ class Takeover:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RosGraph:
-    """What one master says. Nodes that are dead, though registered, are left out. Topics and services have the names of
-    nodes, in order."""
+    """The graph of one master. Nodes that are registered but dead are left out. Topics and services map to sorted names
+    of nodes."""
 
     nodes: Mapping[str, str] = field(default_factory=dict)
-    """Node -> the service that runs it; "" where none of this robot is known to."""
+    """Node -> the service that runs it; "" if no service of this robot is known to."""
     publishers: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     subscribers: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     providers: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    """ROS service -> who provides it."""
+    """ROS service -> nodes that provide it."""
     takeovers: tuple[Takeover, ...] = ()
 
     def of(self, service: str) -> frozenset[str]:
-        """The nodes that a service runs."""
+        """Return the nodes that a service runs."""
         return frozenset(node for node, runs in self.nodes.items() if runs == service)
 
 
 Graphs = Mapping[str, RosGraph]
-"""By the URI of their master, those that are known."""
+"""URI of the master -> graph, for masters that answer."""
 
 
 @dataclass(frozen=True, slots=True)
 class Connection:
-    """A topic by which a node of one service is connected to one of another."""
+    """A topic that connects nodes of two services."""
 
     topic: str
     node: str
-    """Of the service that is asked about."""
+    """The node of the service in question."""
     other: str
-    """The other node."""
+    """The node at the other end."""
     service: str
-    """That runs the other one; "" where none is known to."""
+    """The service of the other node; "" if not known."""
     subscribes: bool
-    """`node` gets what `other` publishes; otherwise it is the other way round."""
+    """Whether `node` subscribes to what `other` publishes; False for the opposite direction."""
 
     def __str__(self) -> str:
         return f"connected to {self.service or f'the node {self.other}'} by {self.topic}"
 
 
 def master_of(service: Service) -> str:
-    """The URI of the ROS 1 master that a service is told; empty where it is told none."""
+    """Return the URI of the service's ROS 1 master; "" if it has none."""
     return str((service.spec or {}).get("environment", {}).get("ROS_MASTER_URI") or "")
 
 
 def connections(graph: RosGraph, service: str) -> tuple[Connection, ...]:
-    """All of a service with what it does not run itself, by topic."""
+    """Return all connections of a service with other services, by topic."""
     own = graph.of(service)
-    found = chain(
+    both_directions = chain(
         _connections(own, graph.subscribers, graph.publishers, graph, True),
         _connections(own, graph.publishers, graph.subscribers, graph, False),
     )
-    return tuple(sorted(found, key=lambda c: (c.topic, c.node, c.other, c.subscribes)))
+    return tuple(sorted(both_directions, key=lambda c: (c.topic, c.node, c.other, c.subscribes)))
 
 
 def _connections(
@@ -101,15 +101,15 @@ def _connections(
 def takeovers(
     before: Iterable[Takeover], owners: Mapping[str, str], nodes: Mapping[str, str], active: Collection[str]
 ) -> tuple[Takeover, ...]:
-    """Nodes that changed from one service to another. `owners` says who ran each node last; `active` are services that
-    run, are paused, or are to run: who has ended and is not wanted has left its nodes to others. One that was told
-    stays for as long as both are active."""
+    """Return nodes that moved from one service to another. `owners` says who ran each node last; `active` are services
+    that run, are paused or will run. A service that ended and is unwanted has given up its nodes. A known takeover
+    stays as long as both services are active."""
     running = {*active}
-    found = {t.node: t for t in before if {t.former, t.service} <= running}
+    by_node = {t.node: t for t in before if {t.former, t.service} <= running}
     for node, service in nodes.items():
-        former, known = owners.get(node, ""), found.get(node)
+        former, known = owners.get(node, ""), by_node.get(node)
         if former in (service, "") or not {former, service} <= running:
             continue
         if known is None or {known.former, known.service} != {former, service}:
-            found[node] = Takeover(node, former, service)
-    return tuple(found[node] for node in sorted(found))
+            by_node[node] = Takeover(node, former, service)
+    return tuple(by_node[node] for node in sorted(by_node))

@@ -1,7 +1,7 @@
-"""ROS 1 parameters of services: when they are to be set at the master, and who waits for that.
+"""ROS 1 parameters of services: when to set them at the master, and which services wait for that.
 
-Before each start of a service they are set, as roslaunch does it. While it runs, they are set where its master does not
-have them: they are declared otherwise since, or the master was restarted.
+They are set before each start, as roslaunch does, and while the service runs if the master lacks them: because the
+manifest changed or the master was restarted.
 """
 
 from __future__ import annotations
@@ -14,36 +14,36 @@ from rorg.core.situation import Situation
 from rorg.model.catalog import Probe, Service
 
 ROLE = "ros-parameters"
-"""Under which their being set is asked for, among the probes of a service."""
+"""The role under which setting them is listed among a service's probes."""
 AGAIN = 1.0
-"""Seconds after which a failed attempt is repeated at first."""
+"""Seconds before a failed attempt is repeated,"""
 LONGEST = 8.0
-"""Up to so many seconds this doubles, as long as attempts fail and no run of what the service needs is another one."""
+"""doubling up to this, until a run of the service or of one of its needs changes."""
 
 
 def due(situation: Situation, service: Service) -> str:
-    """What the parameters of a service are to be set for: their values, its own run, and those of what it needs, the
-    master among them. Empty where that is done, or there are none."""
+    """Return an identifier of what the parameters must be set for: their values, and the runs of the service and its
+    needs, including the master. "" if that is done or there are none."""
     if service.ros is None:
         return ""
-    there = situation.observed.by_service()
-    firsts = [(there.get(name) or (None,))[0] for name in (service.name, *sorted(service.needs))]
+    containers = situation.observed.by_service()
+    firsts = [(containers.get(name) or (None,))[0] for name in (service.name, *sorted(service.needs))]
     runs = [(c.incarnation, c.alive) for c in firsts if c is not None and c.started_at]
-    found = canonical([situation.desired.ros[service.name], runs])
-    return "" if situation.memory.of(service.name).parameters == found else found
+    purpose = canonical([situation.desired.ros[service.name], runs])
+    return "" if situation.memory.of(service.name).parameters == purpose else purpose
 
 
 def probe_of(situation: Situation, service: Service) -> Probe:
-    """What asks the master for them."""
+    """Return the probe that compares them with the master's."""
     master = service.ros.master if service.ros else ""
     return Probe("ros_parameters", situation.desired.ros[service.name], interval=AGAIN, master=master)
 
 
-def parameters_noted(step: Progress, found: ProbeResult | None) -> Progress:
-    """That they are set, or why the last attempt failed."""
-    if found is None:
-        return step
-    now = (found.incarnation, "") if found.ok else (step.parameters, found.message)
-    if now == (step.parameters, step.not_set):
-        return step
-    return replace(step, parameters=now[0], not_set=now[1])
+def parameters_noted(progress: Progress, result: ProbeResult | None) -> Progress:
+    """Note that they are set, or why the last attempt failed."""
+    if result is None:
+        return progress
+    noted = (result.incarnation, "") if result.ok else (progress.parameters, result.message)
+    if noted == (progress.parameters, progress.not_set):
+        return progress
+    return replace(progress, parameters=noted[0], not_set=noted[1])

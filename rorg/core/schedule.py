@@ -1,4 +1,4 @@
-"""When to look again though nothing wakes the loop, and what to probe meanwhile."""
+"""When the loop must run again without an event, and what to probe until then."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import Any
 
 from rorg.core.desired import Desired
 from rorg.core.digest import rules_of
+from rorg.core.incremental import Planned, busy
 from rorg.core.memory import Progress
 from rorg.core.observed import Container, Observed
-from rorg.core.onward import Planned, busy
 from rorg.core.rollout import bake_ends_at, is_late_at
 from rorg.core.ros_parameters import AGAIN, LONGEST, ROLE, due, probe_of
 from rorg.core.situation import Situation
@@ -22,31 +22,31 @@ from rorg.model.codes import PARAMETERS
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """Something to probe, as long as it is told to. Two equal ones ask the same."""
+    """A probe to run until told otherwise. Equal targets ask the same question."""
 
     probe: Probe
     incarnation: str
     every: float
     container: Container | None = field(default=None, compare=False)
     asked: float | None = field(default=None, compare=False)
-    """Somebody, or a verdict, waits for an answer that was asked for since then."""
+    """Someone, or a verdict, waits for an answer to a question asked since then."""
     values: Mapping[str, Any] = field(default_factory=dict, compare=False)
-    """Of ROS parameters; which ones these are, the probe tells too."""
+    """ROS parameters to set; the probe identifies which ones."""
     anew: bool = False
-    """They are to be set whatever the master has."""
+    """Set them even if the master has them."""
     longest: float = 0.0
-    """Seconds up to which the time between attempts doubles while they fail; 0 where it does not."""
+    """Upper limit in seconds for doubling the interval after failures; 0 for no doubling."""
 
     def next_after(self, failures: int) -> float:
-        """Seconds from one attempt to the next, after so many failures in a row."""
+        """Return seconds until the next attempt after this many consecutive failures."""
         doubled = self.every * 2.0 ** min(max(failures - 1, 0), 10)
         return min(doubled, max(self.every, self.longest))
 
     part: int = 0
-    """Which of the probe's questions it is."""
+    """Index of the probe's question."""
 
     def parts(self) -> tuple[Target, ...]:
-        """Its questions, one by one, each as often as itself says and this one allows."""
+        """Return one target per question of the probe, each at its own interval but not faster than this one."""
         if not self.probe.parts:
             return (self,)
         return tuple(
@@ -61,26 +61,26 @@ Targets = Mapping[tuple[str, str], Target]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Schedule:
-    """`asked`: service -> since when somebody waits for it."""
+    """`asked`: service -> since when someone waits for it."""
 
     times: Mapping[str, tuple[float, ...]]
     """Service -> times at which something may be due, by the loop's clock."""
     targets: Targets
     looks: Mapping[str, tuple[str, float]]
-    """Service -> the container of which a verdict waits for a look that begins after that moment."""
+    """Service -> the container that must be looked at after this moment, because a verdict waits for it."""
     asked: Mapping[str, float]
     engaged: bool
-    """Measures against pressure were in force, or what was shed."""
+    """Whether pressure measures were in force or services were shed."""
 
     def next(self, now: float) -> float | None:
         return min((at for times in self.times.values() for at in times if at > now), default=None)
 
 
 def schedule(kept: Schedule | None, planned: Planned, asked: Mapping[str, float]) -> Schedule:
-    """Of all services, or of those that were planned in this pass, the others as they were."""
+    """Return the schedule, recomputed only for services that were planned in this pass or whose waiters changed."""
     situation = planned.situation
     engaged = situation.memory.pressure.engaged
-    names: Collection[str] = planned.looked_at
+    names: Collection[str] = planned.replanned
     if kept is None or planned.whole or kept.engaged != engaged:
         times, targets, looks, names = {}, {}, {}, planned.names
     else:
@@ -90,16 +90,16 @@ def schedule(kept: Schedule | None, planned: Planned, asked: Mapping[str, float]
             *(n for n in {*asked, *kept.asked} if asked.get(n) != kept.asked.get(n) and n in planned.places),
         }
     for name in names:
-        found = times_of(situation, name, planned)
-        if found:
-            times[name] = found
+        due_times = times_of(situation, name, planned)
+        if due_times:
+            times[name] = due_times
         else:
             times.pop(name, None)
         for role in ("ready", "live", "interlock", ROLE):
             targets.pop((name, role), None)
         targets |= {(name, role): target for role, target in targets_of(planned, name, asked.get(name)).items()}
         looks.pop(name, None)
-        current = next(iter(situation.observed.by_service().get(name, ())), None)
+        current = situation.observed.current(name)
         since = situation.memory.of(name).unproven_since
         if current is not None and since is not None:
             looks[name] = current.id, since
@@ -107,68 +107,74 @@ def schedule(kept: Schedule | None, planned: Planned, asked: Mapping[str, float]
 
 
 def times_of(situation: Situation, name: str, planned: Planned) -> tuple[float, ...]:
-    """When a service is late, ready by the clock, or well for its bake; when what it waits for may be over."""
-    plan, step = planned.plans[name], situation.memory.of(name)
+    """Return when a service is late, ready by delay, or past its bake, and when its waitings may end."""
+    plan, progress = planned.plans[name], situation.memory.of(name)
     times = [w.until for w in (*plan.waitings, *plan.notes) if w.until is not None]
     times += [] if plan.alarm is None else [plan.alarm]
     service = situation.desired.catalog.services.get(name)
     delay = service.ready.delay if service and service.ready else None
-    if delay is not None and step.running_since is not None and not step.ready:
-        times.append(step.running_since + delay)
-    unproven = step.update.baked != step.update.edition
-    if service and (unproven or not step.ready) and (late_at := is_late_at(step, service)) is not None:
+    if delay is not None and progress.running_since is not None and not progress.ready:
+        times.append(progress.running_since + delay)
+    unproven = progress.update.baked != progress.update.edition
+    if service and (unproven or not progress.ready) and (late_at := is_late_at(progress, service)) is not None:
         times.append(late_at)
-    if service and unproven and (over := bake_ends_at(step, service)) is not None:
-        times.append(float(ceil(over)))  # nobody waits for it: one pass for many
-    if service and (end := doubt_ends(step, service)) is not None:
+    if service and unproven and (over := bake_ends_at(progress, service)) is not None:
+        times.append(float(ceil(over)))  # not urgent, so round up: one pass serves many services
+    if service and (end := doubt_ends(progress, service)) is not None:
         times.append(end)
     return tuple(times)
 
 
-def told_since(step: Progress, asked: float | None) -> bool:
-    """Whether a readiness probe has said yes since somebody asked."""
-    return asked is None or (step.answered is not None and step.answered >= asked)
+def told_since(progress: Progress, asked: float | None) -> bool:
+    """Return whether a readiness probe succeeded since then."""
+    return asked is None or (progress.answered is not None and progress.answered >= asked)
 
 
-def denied_since(step: Progress, asked: float) -> bool:
-    """Whether a readiness probe has said no since somebody asked, and none has said yes since then."""
-    return step.denied is not None and step.denied >= asked and step.denied > (step.answered or 0.0)
+def denied_since(progress: Progress, asked: float) -> bool:
+    """Return whether a readiness probe failed since then, and none succeeded after it."""
+    return progress.denied is not None and progress.denied >= asked and progress.denied > (progress.answered or 0.0)
 
 
 def targets_of(planned: Planned, name: str, asked: float | None) -> dict[str, Target]:
-    """Readiness of a wanted service that runs, until it is ready (or always, where it can be lost, and once more for
-    whoever begins to wait for it); life of one that is; the interlock of one that the plan wants to touch, or that
-    measures against pressure may. A probe that is the clock needs nobody to ask."""
-    situation, found = planned.situation, dict[str, Target]()
-    wanted, step = name in situation.wanted, situation.memory.of(name)
-    if wanted and step.running_since is not None:
-        service, run = situation.desired.catalog.services[name], step.incarnation
-        current = next(iter(situation.observed.by_service().get(name, ())), None)
+    """Return what to probe of one service.
+
+    - ready: while a wanted service runs and is not ready; afterwards only if readiness can be lost or someone has begun
+      to wait for it;
+    - live: once it was ready;
+    - interlock: while the plan or pressure may touch it.
+
+    A readiness delay needs no probe.
+    """
+    situation, targets = planned.situation, dict[str, Target]()
+    wanted, progress = name in situation.wanted, situation.memory.of(name)
+    if wanted and progress.running_since is not None:
+        service, run = situation.desired.catalog.services[name], progress.incarnation
+        current = situation.observed.current(name)
         if service.ready and service.ready.delay is None:
-            since = asked if step.answered is not None and not told_since(step, asked) else None
-            since = max((at for at in (since, step.unproven_since) if at is not None), default=None)
-            if not step.ready or since is not None or service.ready.failures:
-                every = max(service.ready.interval, 1.0) if step.ready and since is None else service.ready.interval
-                found["ready"] = Target(service.ready, run, every, current, since)
-        if service.live and step.was_ready:
-            found["live"] = Target(service.live, run, service.live.interval, current, step.unproven_since)
+            since = asked if progress.answered is not None and not told_since(progress, asked) else None
+            since = max((at for at in (since, progress.unproven_since) if at is not None), default=None)
+            if not progress.ready or since is not None or service.ready.failures:
+                every = max(service.ready.interval, 1.0) if progress.ready and since is None else service.ready.interval
+                targets["ready"] = Target(service.ready, run, every, current, since)
+        if service.live and progress.was_ready:
+            targets["live"] = Target(service.live, run, service.live.interval, current, progress.unproven_since)
     if wanted and (target := _parameters(planned, name)):
-        found[ROLE] = target
+        targets[ROLE] = target
     lock = situation.desired.interlocks.get(name) or _left(situation, name)
     if lock and (busy(planned, name) or (wanted and situation.memory.pressure.engaged)):
-        found["interlock"] = Target(lock, "", lock.interval)
-    return found
+        targets["interlock"] = Target(lock, "", lock.interval)
+    return targets
 
 
 def _parameters(planned: Planned, name: str) -> Target | None:
-    """ROS parameters of a service that waits for them, or that runs without."""
+    """Return the ROS parameters to set, for a service that waits for them or runs without them."""
     service, waits = planned.situation.desired.catalog.services[name], _waits_for_parameters(planned, name)
-    found = due(planned.situation, service)
+    purpose = due(planned.situation, service)
     runs = planned.situation.memory.of(name).running_since is not None
-    if service.ros is None or not found or not (waits or runs):
+    if service.ros is None or not purpose or not (waits or runs):
         return None
     return Target(
-        probe_of(planned.situation, service), found, AGAIN, values=service.ros.values, anew=waits, longest=LONGEST
+        probe_of(planned.situation, service), purpose, AGAIN, values=service.ros.values, anew=waits, longest=LONGEST
     )
 
 
@@ -177,7 +183,7 @@ def _waits_for_parameters(planned: Planned, name: str) -> bool:
 
 
 def _left(situation: Situation, name: str) -> Probe | None:
-    """The interlock that the last container of a service that no manifest declares any more was made with."""
+    """Return the interlock on the label of an undeclared service's container."""
     if name in situation.desired.digests:
         return None
     locks = (rules_of(c.rules).interlock for c in situation.observed.by_service().get(name, ()) if c.rules)
@@ -185,12 +191,13 @@ def _left(situation: Situation, name: str) -> Probe | None:
 
 
 def interlocks(desired: Desired, observed: Observed) -> dict[str, Probe]:
-    """Those of the manifests; and of containers that no manifest declares any more, those that they were made with."""
-    there = observed.by_service()
+    """Return the interlocks of all manifests, and those on labels of undeclared containers: they protect the hardware
+    even if the manifest is gone."""
+    containers = observed.by_service()
     left = {
         name: lock
-        for name in there.keys() - desired.digests.keys()
-        for c in there[name]
+        for name in containers.keys() - desired.digests.keys()
+        for c in containers[name]
         if c.rules and (lock := rules_of(c.rules).interlock)
     }
     return {**left, **desired.interlocks}

@@ -1,4 +1,4 @@
-"""What one look at a service sees of it."""
+"""What a pass observes of one service."""
 
 from __future__ import annotations
 
@@ -11,9 +11,15 @@ from rorg.core.observed import Container
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Seen:
-    """`containers` are those of all services, of each the one that counts first; `ready` and `live` are its probe
-    results; `busy`: a call of it is under way; `unplugged`: a device of it is not there; `now` is of the loop's
-    clock, seconds; `looked` is that of Observed."""
+    """What a pass observes of one service.
+
+    - `containers`: those of all services, the current one of each first;
+    - `ready`, `live`: its probe results;
+    - `busy`: an engine call on it is under way;
+    - `unplugged`: a device of it is missing;
+    - `now`: the loop's clock, in seconds;
+    - `looked`: as in Observed.
+    """
 
     wanted: bool
     containers: Mapping[str, Sequence[Container]]
@@ -29,5 +35,5 @@ class Seen:
         return next(iter(self.containers.get(service, ())), None)
 
     def looked_since(self, container: Container, moment: float) -> bool:
-        """Whether a look at a container has begun since."""
+        """Return whether a look at the container began after that moment."""
         return self.looked.get(container.id, -1.0) >= moment

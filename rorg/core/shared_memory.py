@@ -1,4 +1,5 @@
-"""What Fast DDS keeps in shared memory: whose it may be, and which of its files belong together."""
+"""Files of Fast DDS (ROS 2) in shared memory: which of them belong together, and whether a service may still use them.
+A killed participant leaves its files in /dev/shm."""
 
 from __future__ import annotations
 
@@ -7,20 +8,20 @@ from collections.abc import Mapping
 
 from rorg.core.observed import Observed
 from rorg.model.catalog import Service
-from rorg.model.ros2 import declares_ros2
+from rorg.model.ros import declares_ros2
 
 FILE = re.compile(r"(?:sem\.)?((?:fastrtps|fastdds|fast_datasharing)_.+?)(?:_el|_sl|_mutex)?")
-"""A segment or a port of its transport, with the locks and the semaphore beside it."""
+"""A segment or port of its transport, with its locks and semaphore."""
 
 
 def group_of(name: str) -> str:
-    """The segment or port that a file of /dev/shm belongs to, by its name; empty where it is not Fast DDS's."""
-    found = FILE.fullmatch(name)
-    return found[1] if found else ""
+    """Return the segment or port that a file of /dev/shm belongs to; "" if it is not Fast DDS's."""
+    match = FILE.fullmatch(name)
+    return match[1] if match else ""
 
 
 def participants(services: Mapping[str, Service]) -> frozenset[str]:
-    """Services of ROS 2 that use the machine's own shared memory."""
+    """Return ROS 2 services that use the host's shared memory."""
     specs = {name: service.spec for name, service in services.items() if service.spec is not None}
     return frozenset(
         name
@@ -30,6 +31,6 @@ def participants(services: Mapping[str, Service]) -> frozenset[str]:
 
 
 def none_runs(participants: frozenset[str], services: Mapping[str, Service], observed: Observed) -> bool:
-    """Whether no participant lives. What no manifest declares any more may be one."""
+    """Return whether no participant is alive. An undeclared container may be one."""
     alive = (c.service for c in observed.containers if c.alive)
     return observed.complete and not any(name in participants or name not in services for name in alive)

@@ -1,4 +1,4 @@
-"""All that a plan depends on, in one value."""
+"""Everything that a plan depends on, as one value."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 
 from rorg.core.desired import Desired
 from rorg.core.memory import Memory
-from rorg.core.missing import Missing
 from rorg.core.observed import Observed
 from rorg.core.ros_graph import Graphs
 from rorg.core.wanted import Wanted
@@ -15,10 +14,20 @@ from rorg.model.devices import Device, Plugged
 from rorg.model.engines import Capabilities
 
 
+@dataclass(frozen=True, slots=True)
+class MissingImage:
+    """An image that is not on this machine."""
+
+    reason: str
+    """What rorg does about it, or why it cannot be obtained."""
+    failed: bool = False
+    """Whether waiting does not help."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Situation:
-    """All that a plan depends on. `now` is the loop's monotonic clock in seconds; `restarts` holds, for each service
-    that somebody asked to restart, the run that is to end by it."""
+    """Everything that a plan depends on. `now` is the loop's monotonic clock in seconds; `restarts` maps services to
+    the run that a requested restart must end."""
 
     desired: Desired
     wanted: Wanted
@@ -30,40 +39,41 @@ class Situation:
     engine: Capabilities = Capabilities()
     restarts: Mapping[str, str] = field(default_factory=dict)
     removals: bool = True
-    """False while manifests do not load, or declare no service: then nothing that they do not name is removed."""
+    """False while manifests do not load or declare no service: then nothing undeclared is removed, because an empty
+    tree is more likely a mistake than an order."""
     confirmed: frozenset[str] = frozenset()
-    """What goes nevertheless, since a person has said so."""
+    """Services that are removed nevertheless, because a person confirmed it."""
     preempted: Mapping[str, str] = field(default_factory=dict)
-    """Services that would be wanted but for something, each with the reason."""
+    """Services that would be wanted if nothing stood against them -> the reason."""
     excluded: Collection[str] = frozenset()
-    """Services that must not be active now, whoever asks."""
+    """Services that must not be active now, regardless of who requests them."""
     priorities: Mapping[str, int] = field(default_factory=dict)
-    """How much each wanted service matters (see admission)."""
+    """Effective priority of every wanted service (see admission.py)."""
     interlocks: Mapping[str, str] = field(default_factory=dict)
-    """Services with an interlock: empty text where it allows touching them now, else why not."""
+    """Service -> why its interlock refuses; "" if it may be touched now."""
     lowered: frozenset[str] = frozenset()
-    """Services that are to leave the CPU to others."""
+    """Services that leave the CPU to others."""
     hurry: bool = False
-    """Nothing lingers."""
+    """Whether nothing lingers."""
     stop_paused: bool = False
-    """What is paused and not wanted is stopped."""
+    """Whether unwanted paused services are stopped."""
     shed: frozenset[str] = frozenset()
-    """Services that must free what they use: pausing them is not enough."""
+    """Services that must free what they use, so pausing is not enough."""
     closed: str = ""
-    """Why nothing below `admit` is started now; empty when everything may be."""
+    """Why nothing with a priority below `admit` is started now; "" if everything may be."""
     suspended: str = ""
-    """Why nothing is done at all now."""
-    images: Mapping[str, Missing] = field(default_factory=dict)
-    """By reference, those from which no container can be made now."""
+    """Why rorg does nothing at all now."""
+    images: Mapping[str, MissingImage] = field(default_factory=dict)
+    """Image reference -> why no container can be made from it now."""
     devices: Mapping[Device, Plugged] = field(default_factory=dict)
-    """What there is of the devices of drivers, as far as it is known."""
+    """State of drivers' devices, as far as known."""
     unplugged: Mapping[str, str] = field(default_factory=dict)
-    """Services of which a device cannot be used now, each with why."""
+    """Services that lack a device now, each with the reason."""
     ros: Graphs = field(default_factory=dict)
-    """Graphs of ROS 1."""
+    """Graphs of ROS 1 masters."""
     purge: bool = False
-    """Volumes of ours go too, with all that is in them: the robot is taken down, and a person has said so."""
+    """Volumes are removed with all their data: the robot is taken down and a person ordered it."""
     prewarmed: frozenset[str] = frozenset()
-    """Services that are wanted only since it is likely that they will be requested soon, and what these need."""
+    """Services that are wanted only because a request is likely, and those they need."""
     withheld: Mapping[str, str] = field(default_factory=dict)
-    """What no manifest declares any more and stays until a person has confirmed that it goes, each with the reason."""
+    """Undeclared services that stay until a person confirms their removal, each with the reason."""

@@ -1,6 +1,7 @@
-"""How a state of the manifests has done so far: whether it is to be gone back to, or from.
+"""The standing of a revision of the manifests: whether it works, and so whether to go back to it or away from it.
 
-Whoever keeps revisions adds what is not seen here: `superseded` by a later one, and `refused` where it did not load.
+Two more standings are known only to the keeper of revisions: `superseded` by a later one, and `refused` because it did
+not load.
 """
 
 from __future__ import annotations
@@ -18,21 +19,27 @@ APPLYING, BAKING, GOOD, FAILED = "applying", "baking", "good", "failed"
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """`code`: applying (something is to be done on its word, or waits), baking (all is done, and not all services have
-    stayed well for their time), good, or failed (a change of it does not come up: the services named in the reason are
-    as they were before). `reason` is for people; empty for good."""
+    """`code` is one of:
+
+    - applying: something remains to be done because of it;
+    - baking: everything is done, but not all services have stayed well long enough;
+    - good;
+    - failed: one of its changes did not come up, and the services named in the reason run as before.
+
+    `reason` is for people; "" for good.
+    """
 
     code: str
     reason: str = ""
 
 
 def standing(situation: Situation, plan: Plan, good: bool = False) -> Standing:
-    """Of the manifests in force, after a pass. `good`: they were found good before. Then only a change that was not
-    tried until now makes them fail: what else goes wrong later is not their doing.
+    """Return the standing of the manifests in force. `good`: they were found good before; then only a change tried
+    since can make them fail, because later trouble is not their fault.
 
-    Wanted services must have stayed well once for their bake; of others it is enough that their containers are there.
-    A change that has failed counts from then on, and not only when what it did has been undone.
-    While something is under way nothing else is looked at, so it costs nothing while a robot comes up.
+    Wanted services must have stayed well for their bake; other services only need their containers. A failed change
+    counts immediately, not only after it was undone. While an action is under way nothing else is checked, so this
+    costs nothing while a robot starts.
     """
     undone = _undone(situation)
     if undone:
@@ -51,18 +58,14 @@ def standing(situation: Situation, plan: Plan, good: bool = False) -> Standing:
     waits = _waits(situation, plan)
     if waits:
         return Standing(APPLYING, waits)
-    unbaked = [n for n in _services(situation) if _asked(situation, n) and not _baked(situation, n)]
+    unbaked = [n for n in situation.desired.editions if _asked(situation, n) and not _baked(situation, n)]
     return Standing(BAKING, f"not yet known to stay well: {', '.join(unbaked)}") if unbaked else Standing(GOOD)
 
 
 def _of_tree(action: Action) -> bool:
-    """Whether it is done because of the manifests. A service begins or idles because of somebody's request, or its end,
-    unless that is part of a change."""
+    """Return whether an action is due to the manifests. Services begin and idle because of requests, unless that is
+    part of a change."""
     return not (action.operation.begins or action.operation.idles) or bool(action.part_of)
-
-
-def _services(situation: Situation) -> list[str]:
-    return list(situation.desired.editions)
 
 
 def _asked(situation: Situation, name: str) -> bool:
@@ -79,35 +82,35 @@ def _told(failed: Mapping[str, str]) -> Standing:
 
 
 def _undone(situation: Situation) -> dict[str, str]:
-    """Services whose change is in quarantine, each with why."""
+    """Return services whose change is quarantined, each with the reason."""
     memory = situation.memory
-    return {name: why for name in _services(situation) if (why := memory.of(name).update.failed)}
+    return {name: why for name in situation.desired.editions if (why := memory.of(name).update.failed)}
 
 
 def _failed(situation: Situation, plan: Plan) -> dict[str, str]:
     memory = situation.memory
-    found = {w.service: w.reason for w in plan.waitings if w.code in (NO_IMAGE, BLOCKED)}
-    return found | {
-        name: step.error
+    failures = {w.service: w.reason for w in plan.waitings if w.code in (NO_IMAGE, BLOCKED)}
+    return failures | {
+        name: progress.error
         for name in situation.wanted
         if name in situation.desired.editions
         and name not in situation.prewarmed
-        and (step := memory.of(name)).stalled
-        and name not in found
+        and (progress := memory.of(name)).stalled
+        and name not in failures
         and not _baked(situation, name)
     }
 
 
 def _waits(situation: Situation, plan: Plan) -> str:
-    """What of it is still to be done, and for what that waits."""
-    told = [w for w in plan.waitings if w.code in (IMAGE, "deferred", "withheld")]
-    if told:
-        return f"{told[0].service}: {told[0].reason}"
+    """Return what remains to be done and what it waits for."""
+    waitings = [w for w in plan.waitings if w.code in (IMAGE, "deferred", "withheld")]
+    if waitings:
+        return f"{waitings[0].service}: {waitings[0].reason}"
     containers, reasons = situation.observed.by_service(), {w.service: w.reason for w in plan.waitings}
-    for name in _services(situation):
-        there = containers.get(name, ())
-        if there and not any(fits(c, name, situation.desired) for c in there):
-            return f"{name}: {reasons.get(name) or 'its container is not as declared'}"
-        if _asked(situation, name) and not _baked(situation, name) and not (there and there[0].alive):
+    for name in situation.desired.editions:
+        existing = containers.get(name, ())
+        if existing and not any(fits(c, name, situation.desired) for c in existing):
+            return f"{name}: {reasons.get(name) or 'its container differs from its manifest'}"
+        if _asked(situation, name) and not _baked(situation, name) and not (existing and existing[0].alive):
             return f"{name}: {reasons.get(name) or 'it does not run'}"
     return ""

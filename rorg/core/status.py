@@ -1,4 +1,5 @@
-"""How each service is: SYNC and HEALTH, and conditions with reasons. No phase."""
+"""The status of each service: sync, health, and conditions with reasons. There is no phase: as in Kubernetes, several
+conditions can hold at once."""
 
 from __future__ import annotations
 
@@ -15,17 +16,17 @@ from rorg.core.wanted import Link, chain
 from rorg.model.catalog import Service
 
 SILENT = "EngineSilent"
-"""Reason of a condition while the engine does not answer."""
+"""Condition reason while the engine does not answer."""
 
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """How one service is."""
+    """The status of one service."""
 
     service: str
     state: str
-    """The engine's word for its container, as it was seen last. `none` without one, `unknown` before the engine has
-    answered, `meta` for a meta-service."""
+    """The engine's last known word for its container; `none` without one, `unknown` before the engine has answered,
+    `meta` for a meta-service."""
     sync: str
     """Synced, OutOfSync or Unknown."""
     health: str
@@ -39,45 +40,44 @@ class Status:
     exits: int = 0
     pid: int = 0
     crashes: int = 0
-    """Unexpected ends since rorg runs."""
+    """Unexpected ends since rorg began."""
     effective_priority: int = 0
-    """How much it matters now: its priority, or that of what wants it."""
+    """How much it matters now: its own priority or that of what wants it."""
     held: str = ""
-    """Why a person keeps it from being active."""
+    """Why a person holds it."""
     lowered: bool = False
-    """It leaves the CPU to others, because of pressure."""
+    """It leaves the CPU to others because of pressure."""
     ros_nodes: tuple[str, ...] = ()
-    """ROS nodes that it runs: that of its readiness, and those in its label `ros_nodes`."""
+    """ROS nodes that it runs: that of its readiness probe, and those in its label `ros_nodes`."""
     withheld: str = ""
-    """Why it stays though no manifest declares it."""
+    """Why it stays although it is no longer declared."""
     driver: bool = False
     """It moves hardware."""
     labels: Mapping[str, str] = field(default_factory=dict)
-    """Of its manifest."""
+    """From its manifest."""
     chain: tuple[Link, ...] = ()
-    """Why it is wanted: from it to a root. Empty when it is not."""
+    """Why it is wanted, from the service to a root; empty if it is not."""
 
     def condition(self, kind: str) -> Condition:
-        """Its condition of this type; "Unknown" for one that it does not have."""
+        """Return the condition of this type, or one with status Unknown."""
         return next((c for c in self.conditions if c.type == kind), Condition(kind, "Unknown", ""))
 
     @property
     def update_failed(self) -> str:
-        """Why its last change did not come up; empty where none failed."""
+        """Why its last change did not come up; "" if none failed."""
         return next((c.message for c in self.conditions if c.type == "Updated" and c.status == "False"), "")
 
     @property
     def cautions(self) -> list[str]:
-        """What to know of it though it is as it is wanted: what pausing it does, and which nodes of it another service
-        has."""
+        """Risks while nothing is wrong: effects of pausing it, and node names taken over by another service."""
         return [c.message for c in self.conditions if c.type in CAUTIONS and c.status == "False"]
 
     @property
     def trouble(self) -> str:
-        """What keeps it from being as it is wanted: what its probe found, how it ended, what failed and when that is
-        tried again. Empty where nothing does."""
+        """What keeps it from being as wanted: probe failure, exit, failed action and its next attempt; "" if nothing
+        does."""
         failed, ready = self.update_failed, self.condition("Ready")
-        if ready.reason == SILENT:  # said once, of all services
+        if ready.reason == SILENT:  # shown once for all services
             return ""
         if failed or not self.wanted or ready.status == "True":
             return f"its change failed: {failed}" if failed else ""
@@ -114,7 +114,7 @@ class Status:
 def statuses(
     situation: Situation, plan: Plan, holds: Mapping[str, str] | None = None, only: Collection[str] | None = None
 ) -> dict[str, Status]:
-    """Of every declared service, or `only` of these, by name. `holds` are those of the decision."""
+    """Return the status of every declared service, or of those in `only`. `holds` comes from the decision."""
     containers = situation.observed.by_service()
     pending = {a.service: a.verb for a in reversed(plan.actions)}
     waiting = {w.service: w.reason for w in plan.waitings}
@@ -122,11 +122,11 @@ def statuses(
     for action in plan.actions:
         actions.setdefault(action.service, []).append(action)
     pending |= {name: flight.action.verb for name, flight in situation.memory.in_flight.items()}
-    found = {
+    by_name = {
         name: _status(
             situation,
             service,
-            next(iter(containers.get(name, ())), None),
+            situation.observed.current(name),
             pending.get(name, ""),
             waiting.get(name, ""),
             (holds or {}).get(name, ""),
@@ -136,11 +136,11 @@ def statuses(
         if only is None or name in only
     }
     for name, why in situation.withheld.items():
-        if name in found:
-            found[name] = replace(found[name], withheld=why, why=f"withheld: {why}")
-        elif name in containers:  # nothing else is known of it
+        if name in by_name:
+            by_name[name] = replace(by_name[name], withheld=why, why=f"withheld: {why}")
+        elif name in containers:  # its manifest is gone, so nothing else is known
             current = containers[name][0]
-            found[name] = Status(
+            by_name[name] = Status(
                 name,
                 current.state,
                 "OutOfSync",
@@ -151,7 +151,7 @@ def statuses(
                 started_at=current.started_at,
                 withheld=why,
             )
-    return found
+    return by_name
 
 
 def _status(
@@ -170,17 +170,17 @@ def _status(
     why = why or held or situation.preempted.get(name, "")
     if service.meta:
         return Status(name, "meta", "Synced", "Healthy", True, why, labels=service.labels, chain=links)
-    step, known = situation.memory.of(name), situation.observed.complete
+    progress, known = situation.memory.of(name), situation.observed.complete
     ready, reason, message = _readiness(situation, service, current, waiting, actions)
     sync = "Unknown" if not known else "OutOfSync" if pending or waiting else "Synced"
     conditions = (
         Condition("Ready", "Unknown" if not known else str(ready), reason, message),
         requested(links),
         Condition("Reconciling", str(bool(pending)), pending.capitalize() or "Settled", waiting),
-        Condition("Stalled", str(step.stalled), stalled(step), step.error),
+        Condition("Stalled", str(progress.stalled), stalled(progress), progress.error),
         *occasional(situation, service),
     )
-    health = _health(bool(causes), ready, reason, step.stalled) if known else "Unknown"
+    health = _health(bool(causes), ready, reason, progress.stalled) if known else "Unknown"
     return Status(
         name,
         current.state if current else "none" if known else "unknown",
@@ -192,9 +192,9 @@ def _status(
         current.id if current else "",
         current.incarnation if current and current.alive else "",
         current.started_at if current else "",
-        step.exits,
+        progress.exits,
         current.pid if current else 0,
-        step.crashes,
+        progress.crashes,
         situation.priorities.get(name, service.priority),
         held,
         name in situation.lowered,
@@ -206,7 +206,7 @@ def _status(
 
 
 def ros_nodes(service: Service) -> tuple[str, ...]:
-    """Names of the ROS nodes that it runs, as far as they are declared."""
+    """Return the names of its ROS nodes, as far as declared."""
     asked = service.ready.questions if service.ready else ()
     ready = [str(probe.target) for probe in asked if probe.kind == "ros_node"]
     return tuple(dict.fromkeys([*ready, *service.labels.get("ros_nodes", "").split()]))
@@ -221,15 +221,15 @@ def _health(is_wanted: bool, ready: bool, reason: str, stalled: bool) -> str:
 
 
 def ends(action: Action, run: str) -> bool:
-    """Whether a run (an incarnation) of the action's service does not go on after it. Where a container takes another
-    one's place, that one's run is over from the first call on: while one is under way, nothing else is planned."""
+    """Return whether the current run does not survive this action. A replacement ends it with its first call, because
+    nothing else is planned while a call is under way."""
     if action.part_of is Part.REPLACE and isinstance(action.operation, (Create, Rename)):
         return True
     return action.operation.ends and action.container[:12] == run.partition("@")[0]
 
 
 def _ending(situation: Situation, service: Service, current: Container | None, actions: Sequence[Action]) -> str:
-    """Why the run of now is about to end, though it answers still; empty when it goes on."""
+    """Return why the current run is about to end; "" if it goes on."""
     flight = situation.memory.in_flight.get(service.name)
     planned = () if situation.suspended else actions
     for action in (*([flight.action] if flight else []), *planned):
@@ -242,26 +242,26 @@ def _ending(situation: Situation, service: Service, current: Container | None, a
 def _readiness(
     situation: Situation, service: Service, current: Container | None, waiting: str, actions: Sequence[Action]
 ) -> tuple[bool, str, str]:
-    step = situation.memory.of(service.name)
+    progress = situation.memory.of(service.name)
     if situation.observed.silence:
         return False, SILENT, str(situation.observed.silence)
-    if step.ready:
+    if progress.ready:
         ending = _ending(situation, service, current, actions)
         return (False, "Ending", ending) if ending else (True, "Ready", "")
     if service.name in situation.unplugged and not (current is not None and current.active):
         return False, "NoDevice", situation.unplugged[service.name]
     if current is None:
-        return False, "NoContainer", waiting or step.error
-    if current.state == "exited" and step.exited == current.incarnation and not waiting:
-        if current.exit_code == 0 and step.over(service, current):
+        return False, "NoContainer", waiting or progress.error
+    if current.state == "exited" and progress.exited == current.incarnation and not waiting:
+        if current.exit_code == 0 and progress.over(service, current):
             return True, "Completed", "it ended with exit code 0"
-        return False, "OutOfMemory" if current.oom_killed else "Failed", step.error
-    if step.doubted_since is not None:
-        return False, "Ending", "it was being stopped when rorg was"
-    if current.state == "running" and step.running_since is not None:
-        ran = situation.now - step.running_since
+        return False, "OutOfMemory" if current.oom_killed else "Failed", progress.error
+    if progress.doubted_since is not None:
+        return False, "Ending", "rorg was ended while stopping it"
+    if current.state == "running" and progress.running_since is not None:
+        ran = situation.now - progress.running_since
         late = service.ready is not None and ran > service.ready.timeout
-        return False, "Late" if late else "Probing", step.probe
-    if step.error and step.exits:
-        return False, "Failed", step.error
-    return False, current.state.capitalize(), waiting or step.error
+        return False, "Late" if late else "Probing", progress.probe
+    if progress.error and progress.exits:
+        return False, "Failed", progress.error
+    return False, current.state.capitalize(), waiting or progress.error

@@ -1,4 +1,4 @@
-"""Steps of a service's chain, and those that always go together."""
+"""Steps of a service's chain, and groups of steps that always go together."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from rorg.model.units import LONGEST
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One operation of a service's chain that no gate has let through yet."""
+    """One operation of a service's chain, before the gates (gates.py) have checked it."""
 
     operation: Operation
     reason: str
@@ -28,7 +28,8 @@ class Step:
 
 
 def away(container: Container, reason: str, service: Service | None = None, volumes: bool = False) -> list[Step]:
-    """Stop if it is alive, then remove; `volumes`: with what nobody named, and nobody will look for again."""
+    """Return the steps that stop and remove a container. `volumes` also removes anonymous volumes, which nothing will
+    use again."""
     if container.state == "removing":
         return []
     steps = [stop(container, reason, service)] if container.alive else []
@@ -36,7 +37,7 @@ def away(container: Container, reason: str, service: Service | None = None, volu
 
 
 def restarting(container: Container | None, steps: list[Step]) -> list[Step]:
-    """Steps that stop and start the same container are one restart."""
+    """Mark steps that stop and start the same container as one restart."""
     if container and stops(container, steps) and any(isinstance(s.operation, Start) for s in steps):
         both = (Stop, Start)
         return [replace(s, part_of=Part.RESTART) if isinstance(s.operation, both) else s for s in steps]
@@ -44,25 +45,26 @@ def restarting(container: Container | None, steps: list[Step]) -> list[Step]:
 
 
 def stops(container: Container, steps: Iterable[Step]) -> bool:
-    """Whether one of these steps ends the run of a container."""
+    """Return whether one of these steps ends the container's run."""
     return any(isinstance(s.operation, Stop) and s.operation.container == container.id for s in steps)
 
 
 def stop(container: Container, reason: str, service: Service | None) -> Step:
-    """Ends a run with the signal and the time that its service, or else its own label, declares."""
+    """Return the step that ends a run, with signal and grace period from the manifest, or from the container's label if
+    there is no manifest."""
     spec = (service.spec if service else None) or declared_of(container.declared)
     signal, run = _signal(container, service, spec), container.incarnation
     return Step(Stop(container=container.id, signal=signal, grace=_grace(spec), incarnation=run), reason)
 
 
 def _grace(spec: Mapping[str, Any]) -> float:
-    """Seconds; a label may say anything."""
-    found = spec.get("stop_grace_period", DEFAULT_GRACE)
-    return found if isinstance(found, int | float) and 0 <= found <= LONGEST else DEFAULT_GRACE
+    """Return the grace period in seconds, checked because a label may contain anything."""
+    grace = spec.get("stop_grace_period", DEFAULT_GRACE)
+    return grace if isinstance(grace, int | float) and 0 <= grace <= LONGEST else DEFAULT_GRACE
 
 
 def _signal(container: Container, service: Service | None, spec: Mapping[str, Any]) -> str:
-    """What was asked for; else what the engine says of this container, which may be its image's own."""
+    """Return the declared stop signal, or else the one that the engine reports, which may come from the image."""
     declared = spec.get("stop_signal")
     asked = service is not None and "stop_signal" not in service.defaults
     return str((declared if asked else None) or container.stop_signal or declared or "SIGTERM")

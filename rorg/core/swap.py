@@ -1,4 +1,5 @@
-"""Which container of a service is the new one, and which one it is gone back to if that does not come up."""
+"""The swap of containers in a rollout: which container of a service is the new one, and which one to go back to if that
+does not come up."""
 
 from __future__ import annotations
 
@@ -18,8 +19,8 @@ from rorg.model.units import format_seconds
 
 
 class Swap:
-    """Of one service. `new` is what matches its manifest, None where that is to be created; `stale` are the others,
-    and `changed` the options in which they are otherwise."""
+    """The swap of one service. `new` matches its manifest, None if it must be created; `stale` are all other
+    containers, and `changed` the options in which they differ."""
 
     def __init__(
         self,
@@ -32,17 +33,17 @@ class Swap:
         self.view, self.service, self.step = view, service, view.s.memory.of(service.name)
         self.update = self.step.update
         self.new: Container | None = None
-        """The new one, as long as it is on trial."""
+        """The new container while it is on trial."""
         self.old: Container | None = None
-        """What is kept, to be gone back to."""
+        """The container that is kept to go back to."""
         self.spare: Container | None = None
-        """What `old` itself goes back to, while that is on trial."""
+        """What `old` itself goes back to while that is on trial."""
         tried = self.step.attempt(Create)
         held = new is None and held_back(view, service, changed) is not None
         self.denied = held or (new is None and bool(tried and tried.at and tried.at > view.now))
-        """It cannot, or must not, be created now."""
+        """Whether it cannot or must not be created now."""
         self.failed = ""
-        """Why the edition that is desired is not tried again, in words."""
+        """Why the desired edition is not tried again, in words."""
         if self.update.failed:
             more = f"until it is changed again, or `rorg retry {service.name}`"
             self.failed = f"its change failed ({self.update.failed}); it stays as it was {more}"
@@ -50,8 +51,9 @@ class Swap:
         if pair and (new is None or pair[0] is new) and pair[1] in stale:
             self.new, self.old = new, pair[1]
             if self.denied and not self.failed and pair[0].active:
-                self.old, self.spare = pair  # the one on trial runs, and what is to take its place cannot
-        elif new is None and stale and set(changed) != {NODES}:  # what has another node now cannot be gone back to
+                self.old, self.spare = pair  # the one on trial runs, and its replacement cannot be created
+        # with its device at another node, the old one is useless
+        elif new is None and stale and set(changed) != {NODES}:
             self.old = stale[0] if self.worthy(stale[0]) else None
 
     @property
@@ -60,12 +62,12 @@ class Swap:
 
     @property
     def under_way(self) -> bool:
-        """The new one runs, and it is to be seen how it does."""
+        """Whether the new container runs on trial."""
         return self.new is not None and self.new.active and self.old is not None and not self.old.alive
 
     def worthy(self, container: Container) -> bool:
-        """Whether it is worth going back to: it ran, and did not end by itself. Where nothing else can be had, what ran
-        will do."""
+        """Return whether it is worth going back to: it ran and did not end on its own. If no new container can be
+        created, any container that ran will do."""
         if not container.started_at or container.state in ("dead", "removing"):
             return False
         if self.stays:
@@ -75,8 +77,8 @@ class Swap:
         return self.step.exited != container.incarnation
 
     def note(self) -> Waiting:
-        """That the trial goes on."""
-        step, ready, kept = self.step, self.service.ready, "the container before is kept until this one"
+        """Return a note that the trial goes on."""
+        step, ready, kept = self.step, self.service.ready, "the previous container is kept until this one"
         if step.well_since is None:
             since, limit, what = step.running_since, ready.timeout if ready else None, "is ready"
             if ready and ready.completed:
@@ -94,4 +96,4 @@ class Swap:
             return Waiting(self.service.name, f"{kept} {what} {seconds}", since + limit, BAKING)
         if step.unproven_since is not None:
             return Waiting(self.service.name, f"{kept} is known to be well", code=BAKING)
-        return Waiting(self.service.name, f"{kept} and those that go together with it are well", code=BAKING)
+        return Waiting(self.service.name, f"{kept} and those that change together with it are well", code=BAKING)

@@ -1,4 +1,8 @@
-"""How what is remembered of a service changes with what is seen of it."""
+"""Transitions of a service's progress with what is observed: lingering, runs, exits, readiness and life.
+
+Each function handles one aspect and returns the same object if nothing changed, so that tracking.py can tell cheaply
+whether a service needs another look.
+"""
 
 from __future__ import annotations
 
@@ -21,200 +25,218 @@ UNANSWERED: dict[str, Any] = {
     "answered": None,
     "denied": None,
 }
-"""Of a run that no probe has answered for yet."""
+"""Fields of a run that no probe has answered for yet."""
 MARGIN = 4.0
-"""Seconds that an engine takes to end what ignores its stop signal, beyond the grace."""
+"""Seconds beyond the grace period that an engine takes to kill what ignores its stop signal."""
 
 
-def advanced(step: Progress, service: Service, seen: Seen) -> Progress:
-    """Takes note of what is wanted and observed of a service now: lingering, runs, exits, readiness, life."""
+def advanced(progress: Progress, service: Service, seen: Seen) -> Progress:
+    """Return the progress after what was observed of a service in this pass."""
     current, now = seen.current(service.name), seen.now
-    step = _fresh(_wanted(step, seen.wanted, now), current)
-    step = _ceased(_run(step, current, now), current, now)
-    counted_on = counts_on(step.counted_on, service, current, seen.containers, step.begun)
-    step = step if counted_on is step.counted_on else replace(step, counted_on=counted_on, begun=None)
+    progress = _fresh(_wanted(progress, seen.wanted, now), current)
+    progress = _ceased(_run(progress, current, now), current, now)
+    counted_on = counts_on(progress.counted_on, service, current, seen.containers, progress.begun)
+    progress = progress if counted_on is progress.counted_on else replace(progress, counted_on=counted_on, begun=None)
     if not seen.wanted and current is not None and current.state == "exited":
-        step = step.with_stopped(current.incarnation)
-    step = _doubt(step, service, None if seen.busy else current, now)
+        progress = progress.with_stopped(current.incarnation)
+    progress = _doubt(progress, service, None if seen.busy else current, now)
     if seen.wanted and not seen.busy:
-        step = _ended_with_another(step, service, seen)
-        step = _exit(step, current, now, seen.booted_at)
-    step = _ready(step, service, seen.ready, now)
-    step = _live(step, service, seen.live, now) if seen.wanted and not seen.busy else step
-    step = _relied_on(step, service, seen.wanted, now)
-    return _patient(_well(step, now)) if seen.unplugged else _well(step, now)
+        progress = _ended_with_another(progress, service, seen)
+        progress = _exit(progress, current, now, seen.booted_at)
+    progress = _ready(progress, service, seen.ready, now)
+    progress = _live(progress, service, seen.live, now) if seen.wanted and not seen.busy else progress
+    progress = _relied_on(progress, service, seen.wanted, now)
+    return _patient(_well(progress, now)) if seen.unplugged else _well(progress, now)
 
 
-def _patient(step: Progress) -> Progress:
-    """What goes wrong without its device is no failure to wait longer for: it starts as soon as that is back."""
-    if not (step.exits or step.attempt(Start)):
-        return step
-    return replace(step.start_forgotten(), exits=0, error="")
+def _patient(progress: Progress) -> Progress:
+    """Drop the back-off of a service without its device: failures without it say nothing, and the service must start as
+    soon as the device is back."""
+    if not (progress.exits or progress.attempt(Start)):
+        return progress
+    return replace(progress.start_forgotten(), exits=0, error="")
 
 
-def _wanted(step: Progress, is_wanted: bool, now: float) -> Progress:
-    # Whoever asks for it gets a fresh start: what is missing for its container may be there by now.
+def _wanted(progress: Progress, is_wanted: bool, now: float) -> Progress:
+    """Note since when a service is unwanted; a service that becomes wanted or unwanted loses its back-off."""
+    # A new request gets a fresh attempt: what was missing may exist by now.
     if is_wanted:
-        return step if step.unwanted_since is None else replace(step, unwanted_since=None, attempts={}, error="")
-    if step.unwanted_since is not None:
-        return step
-    return replace(step, unwanted_since=now, exits=0, exited="", attempts={}, error="")
+        return (
+            progress
+            if progress.unwanted_since is None
+            else replace(progress, unwanted_since=None, attempts={}, error="")
+        )
+    if progress.unwanted_since is not None:
+        return progress
+    return replace(progress, unwanted_since=now, exits=0, exited="", attempts={}, error="")
 
 
-def _fresh(step: Progress, current: Container | None) -> Progress:
-    """Another container has no part in what the one before it did."""
-    if not step.exited or current is None or step.exited.startswith(current.id[:12]):
-        return step
-    return replace(step, exits=0, exited="", attempts={}, error="")
+def _fresh(progress: Progress, current: Container | None) -> Progress:
+    """Forget the failures of the previous container; the current one has no part in them."""
+    if not progress.exited or current is None or progress.exited.startswith(current.id[:12]):
+        return progress
+    return replace(progress, exits=0, exited="", attempts={}, error="")
 
 
-def _run(step: Progress, current: Container | None, now: float) -> Progress:
+def _run(progress: Progress, current: Container | None, now: float) -> Progress:
+    """Note a new run, its end, or that it has become stable."""
     if current is None or current.state != "running":
-        if step.running_since is None and not step.ready:
-            return step
-        return replace(step, running_since=None, **UNANSWERED)
-    if step.running_since is None or step.incarnation != current.incarnation:
+        if progress.running_since is None and not progress.ready:
+            return progress
+        return replace(progress, running_since=None, **UNANSWERED)
+    if progress.running_since is None or progress.incarnation != current.incarnation:
         return replace(
-            step,
+            progress,
             incarnation=current.incarnation,
             running_since=now,
             **UNANSWERED,
         )
-    if step.exits and step.hung != step.incarnation and now - step.running_since >= STABLE:
-        return replace(step.start_forgotten(), exits=0, error="")
-    return step
+    if progress.exits and progress.hung != progress.incarnation and now - progress.running_since >= STABLE:
+        return replace(progress.start_forgotten(), exits=0, error="")
+    return progress
 
 
-def _ceased(step: Progress, current: Container | None, now: float) -> Progress:
-    if step.unwanted_since is None or current is None or current.active:
-        return replace(step, ceased_since=None) if step.ceased_since is not None else step
-    return replace(step, ceased_since=now) if step.ceased_since is None else step
+def _ceased(progress: Progress, current: Container | None, now: float) -> Progress:
+    """Note since when an unwanted service does not run."""
+    if progress.unwanted_since is None or current is None or current.active:
+        return replace(progress, ceased_since=None) if progress.ceased_since is not None else progress
+    return replace(progress, ceased_since=now) if progress.ceased_since is None else progress
 
 
-def doubt_ends(step: Progress, service: Service) -> float | None:
-    """When a run that was being stopped counts as one that goes on after all; None for one that was not."""
+def doubt_ends(progress: Progress, service: Service) -> float | None:
+    """Return when a run that was being stopped counts as going on after all; None if none was."""
     grace = float((service.spec or {}).get("stop_grace_period", DEFAULT_GRACE))
-    return None if step.doubted_since is None else step.doubted_since + grace + MARGIN
+    return None if progress.doubted_since is None else progress.doubted_since + grace + MARGIN
 
 
-def _doubt(step: Progress, service: Service, current: Container | None, now: float) -> Progress:
-    """Nothing is said of a run that may end at any moment, until its time to do so is over."""
-    if current is None or not current.alive or current.incarnation not in step.stopped:
-        return replace(step, doubted_since=None) if step.doubted_since is not None else step
-    if step.doubted_since is None:
-        return replace(step, doubted_since=now)
-    if now < (doubt_ends(step, service) or 0.0):
-        return step
-    left = tuple(run for run in step.stopped if run != current.incarnation)
-    return replace(step, stopped=left, doubted_since=None)
+def _doubt(progress: Progress, service: Service, current: Container | None, now: float) -> Progress:
+    """Suspend judgement of a run that was being stopped, by an rorg that was killed or a call that failed, until it
+    must have ended."""
+    if current is None or not current.alive or current.incarnation not in progress.stopped:
+        return replace(progress, doubted_since=None) if progress.doubted_since is not None else progress
+    if progress.doubted_since is None:
+        return replace(progress, doubted_since=now)
+    if now < (doubt_ends(progress, service) or 0.0):
+        return progress
+    left = tuple(run for run in progress.stopped if run != current.incarnation)
+    return replace(progress, stopped=left, doubted_since=None)
 
 
-def _ended_with_another(step: Progress, service: Service, seen: Seen) -> Progress:
-    """A namespace of processes ends with the run that it belongs to, and all in it are killed: that is no failure of
-    theirs."""
+def _ended_with_another(progress: Progress, service: Service, seen: Seen) -> Progress:
+    """Excuse an exit caused by another container: when a shared PID namespace ends, the kernel kills every process in
+    it."""
     current = seen.current(service.name)
     if current is None or current.state != "exited":
-        return step
+        return progress
     for name in (n for n, options in service.joins.items() if "pid" in options):
         other = seen.current(name)
-        if other is None or not other.alive or step.counted_on.lost(name, current, other):
-            return step.with_stopped(current.incarnation)
-    return step
+        if other is None or not other.alive or progress.counted_on.lost(name, current, other):
+            return progress.with_stopped(current.incarnation)
+    return progress
 
 
-def _exit(step: Progress, current: Container | None, now: float, booted_at: str) -> Progress:
+def _exit(progress: Progress, current: Container | None, now: float, booted_at: str) -> Progress:
+    """Count an unexpected exit and postpone the next start."""
     if current is None or current.state != "exited" or not current.started_at:
-        return step
+        return progress
     run = current.incarnation
-    if run == step.exited or run in step.stopped:
-        return step
-    if current.started_at < booted_at and step.incarnation != run and step.begun is None:
-        return step  # the machine's boot ended it; unless we saw or began it, and the clock was set since
-    exits = step.exits + 1
+    if run == progress.exited or run in progress.stopped:
+        return progress
+    if current.started_at < booted_at and progress.incarnation != run and progress.begun is None:
+        return progress  # the machine's reboot ended it. If rorg saw or began this run, the clock was set instead.
+    exits = progress.exits + 1
     why = "out of memory" if current.oom_killed else f"exit code {current.exit_code}"
-    step = replace(step, exits=exits, crashes=step.crashes + 1, exited=run)
-    return step.start_after(now + delay(exits), f"ended with {why}")
+    progress = replace(progress, exits=exits, crashes=progress.crashes + 1, exited=run)
+    return progress.start_after(now + delay(exits), f"ended with {why}")
 
 
-def _ready(step: Progress, service: Service, found: ProbeResult | None, now: float) -> Progress:
-    if step.running_since is None:
-        return step
-    if step.doubted_since is not None:
-        return replace(step, ready=False) if step.ready else step
+def _ready(progress: Progress, service: Service, result: ProbeResult | None, now: float) -> Progress:
+    """Note readiness, by probe, by delay, or by merely running."""
+    if progress.running_since is None:
+        return progress
+    if progress.doubted_since is not None:
+        return replace(progress, ready=False) if progress.ready else progress
     if service.ready is None:
-        return replace(step, ready=True, was_ready=True) if not step.ready else step
+        return replace(progress, ready=True, was_ready=True) if not progress.ready else progress
     if service.ready.delay is not None:
-        # The same sum as the deadline that the loop sleeps for: a difference may round to just below it, for ever.
+        # Compute this sum exactly as the loop's deadline does. Another form may round to just below it, and the loop
+        # would wake up for ever without effect.
         return (
-            replace(step, ready=True, was_ready=True)
-            if not step.ready and now >= step.running_since + service.ready.delay
-            else step
+            replace(progress, ready=True, was_ready=True)
+            if not progress.ready and now >= progress.running_since + service.ready.delay
+            else progress
         )
-    if not _fits(found, step):
-        return step
-    if found.ok and found.at != step.answered:
-        step = replace(step, answered=found.at)
-    if step.ready:
-        return _still_ready(step, found, service.ready.failures)
-    if found.ok:
-        return replace(step, ready=True, was_ready=True, probe="")
-    return replace(step, probe=found.message) if found.message != step.probe else step
+    if not _fits(result, progress):
+        return progress
+    if result.ok and result.at != progress.answered:
+        progress = replace(progress, answered=result.at)
+    if progress.ready:
+        return _still_ready(progress, result, service.ready.failures)
+    if result.ok:
+        return replace(progress, ready=True, was_ready=True, probe="")
+    return replace(progress, probe=result.message) if result.message != progress.probe else progress
 
 
-def _relied_on(step: Progress, service: Service, wanted: bool, now: float) -> Progress:
-    """Keeps the run that was ready under the last rorg until its probe answers this one, or is late."""
-    if not wanted or step.running_since is None:
+def _relied_on(progress: Progress, service: Service, wanted: bool, now: float) -> Progress:
+    """Keep the run that was ready before rorg restarted until its probe answers or is late. Otherwise every restart of
+    rorg would report all services as lost."""
+    if not wanted or progress.running_since is None:
         run = ""
-    elif step.ready:
-        run = step.incarnation
+    elif progress.ready:
+        run = progress.incarnation
     else:
-        late = service.ready is not None and now >= step.running_since + service.ready.timeout
-        unasked = step.relied_on == step.incarnation and not step.was_ready and not late
-        run = step.relied_on if unasked else ""
-    return step if run == step.relied_on else replace(step, relied_on=run)
+        late = service.ready is not None and now >= progress.running_since + service.ready.timeout
+        unasked = progress.relied_on == progress.incarnation and not progress.was_ready and not late
+        run = progress.relied_on if unasked else ""
+    return progress if run == progress.relied_on else replace(progress, relied_on=run)
 
 
-def _still_ready(step: Progress, found: ProbeResult, failures: int) -> Progress:
-    """Whether enough probes in a row said no for readiness to be lost; 0 failures: it is never lost."""
-    if found.ok:
-        return replace(step, probe="") if step.probe else step
-    if failures and found.failures >= failures:
-        return replace(step, ready=False, probe=found.message)
-    return replace(step, denied=found.at, probe=found.message) if found.at != step.denied else step
+def _still_ready(progress: Progress, result: ProbeResult, failures: int) -> Progress:
+    """Return whether enough consecutive probes failed for readiness to be lost. With 0 `failures` it never is."""
+    if result.ok:
+        return replace(progress, probe="") if progress.probe else progress
+    if failures and result.failures >= failures:
+        return replace(progress, ready=False, probe=result.message)
+    return replace(progress, denied=result.at, probe=result.message) if result.at != progress.denied else progress
 
 
-def _live(step: Progress, service: Service, found: ProbeResult | None, now: float) -> Progress:
-    """A service that was ready and does not answer any more counts as ended; the planner stops what is left of it.
-    When it answers again before that could be done, nothing had happened."""
-    if service.live is None or not _fits(found, step):
-        return step
-    if step.hung == step.incarnation:
+def _live(progress: Progress, service: Service, result: ProbeResult | None, now: float) -> Progress:
+    """Count a service that stopped answering its `live` probe as ended; the planner then stops it. If it answers again
+    before that, take the count back."""
+    if service.live is None or not _fits(result, progress):
+        return progress
+    if progress.hung == progress.incarnation:
         return (
-            step
-            if not found.ok
+            progress
+            if not result.ok
             else replace(
-                step.start_forgotten(), hung="", exits=max(0, step.exits - 1), crashes=step.crashes - 1, error=""
+                progress.start_forgotten(),
+                hung="",
+                exits=max(0, progress.exits - 1),
+                crashes=progress.crashes - 1,
+                error="",
             )
         )
-    if found.failures < service.live.failures:
-        return step
-    exits = step.exits + 1
-    step = replace(step, hung=step.incarnation, exits=exits, crashes=step.crashes + 1)
-    return step.start_after(now + delay(exits), f"did not answer ({found.message})")
+    if result.failures < service.live.failures:
+        return progress
+    exits = progress.exits + 1
+    progress = replace(progress, hung=progress.incarnation, exits=exits, crashes=progress.crashes + 1)
+    return progress.start_after(now + delay(exits), f"did not answer ({result.message})")
 
 
-def _well(step: Progress, now: float) -> Progress:
-    well = step.ready and step.hung != step.incarnation
-    if well == (step.well_since is not None):
-        return step
-    return replace(step, well_since=now if well else None)
+def _well(progress: Progress, now: float) -> Progress:
+    """Note since when a run has been ready and answering."""
+    well = progress.ready and progress.hung != progress.incarnation
+    if well == (progress.well_since is not None):
+        return progress
+    return replace(progress, well_since=now if well else None)
 
 
-def _fits(found: ProbeResult | None, step: Progress) -> TypeGuard[ProbeResult]:
-    """It is about this run: not of another incarnation, nor from before a resume."""
+def _fits(result: ProbeResult | None, progress: Progress) -> TypeGuard[ProbeResult]:
+    """Return whether a result is about this run: the same incarnation, and from after the last resume."""
     return (
-        found is not None
-        and step.running_since is not None
-        and found.incarnation == step.incarnation
-        and found.at >= step.running_since
+        result is not None
+        and progress.running_since is not None
+        and result.incarnation == progress.incarnation
+        and result.at >= progress.running_since
     )

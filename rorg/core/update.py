@@ -1,4 +1,4 @@
-"""What is remembered of the changes of a service, from one container or content to the next."""
+"""Memory of changes to a service, across its containers."""
 
 from __future__ import annotations
 
@@ -6,43 +6,42 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 MOST = 16
-"""Editions of a service of which it is remembered that they failed."""
+"""Failed editions that are remembered per service."""
 
 
 @dataclass(frozen=True, slots=True)
 class Update:
-    """Of one service. An edition is all that its manifest says of its container and of when that is ready."""
+    """Changes of one service. An edition is what its manifest says about the container, its files and its readiness."""
 
     edition: str = ""
-    """The one that is desired; what failed of another one holds back nothing."""
+    """The desired edition. Failures of other editions hold nothing back."""
     since: float = 0.0
-    """When that came to be desired, by the loop's clock; 0 if this rorg found it so."""
+    """When it became desired, by the loop's clock; 0 if this rorg found it at its start."""
     quarantined: Mapping[str, str] = field(default_factory=dict)
-    """Edition that did not come up or stay well, so that the container before was gone back to -> why. It is not tried
-    again by itself. The last ones, oldest first."""
+    """Edition that failed on trial -> why; oldest first. It is not tried again unless a person asks."""
     lifted: str = ""
-    """When the quarantine was asked to be lifted last, as far as that was done."""
+    """When lifting the quarantine was last requested and done."""
     proven: str = ""
-    """Id of the container that has passed its trial, though the one before it is still there."""
+    """Id of the container that passed its trial, while the previous one still exists."""
     baked: str = ""
-    """The edition that was seen to stay well last."""
+    """The edition that stayed well last."""
     drawn: str = ""
-    """Why its change is not made, or is undone, though nothing is wrong with it: that of one of its set failed."""
+    """Why its change is not made or is undone although nothing is wrong with it: another change of its set failed."""
     held: str = ""
-    """For whom of its set the new container waits before it takes the place of the one before."""
+    """The service of its set whose new container it waits for."""
     run: str = ""
     """The incarnation that `content` is about."""
     content: Mapping[str, str] = field(default_factory=dict)
-    """What that run has read: mounted path -> digest of what was there."""
+    """Content that this run has read: mounted path -> digest."""
     begun: Mapping[str, str] | None = None
-    """Once we begin a start, until it is seen to run: what was there then."""
+    """From rorg's start call until the service is seen running: the content at that time."""
 
     @property
     def failed(self) -> str:
-        """Why the edition that is desired is not tried; empty where nothing is against it."""
+        """Why the desired edition is not tried; "" if it may be."""
         return self.quarantined.get(self.edition) or self.drawn
 
     def quarantine(self, error: str) -> Update:
-        """With the edition that is desired not to be tried again."""
+        """Return the update with the desired edition quarantined."""
         last = [(e, why) for e, why in self.quarantined.items() if e != self.edition][-(MOST - 1) :]
         return replace(self, quarantined={**dict(last), self.edition: error})

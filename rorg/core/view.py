@@ -1,4 +1,5 @@
-"""What one look at a service goes by: the situation, and a note of whether the look has to be repeated."""
+"""The planner's view of a situation while it plans one service. It records whether the plan depends on the time or on
+all containers, so that such a plan is made again in every pass."""
 
 from __future__ import annotations
 
@@ -10,22 +11,22 @@ from rorg.core.situation import Situation
 
 
 class View:
-    """Of one situation, for one service. What a service's plan depends on is the service itself, its neighbours (see
-    onward.py), and what is asked for by `now` and `all_containers`: these make it `restless`, so that it is looked at
-    again in every pass."""
+    """A situation, seen from one service. Its plan may depend on the service itself and on related ones (see
+    depending_plans in incremental.py). Reading `now` or `all_containers` adds a dependency on everything and marks the
+    plan as `volatile`."""
 
     def __init__(self, situation: Situation, containers: Containers, exclusive: Exclusive) -> None:
         self.s, self.desired, self.containers, self.exclusive = situation, situation.desired, containers, exclusive
-        self.restless = False
+        self.volatile = False
 
     @property
     def now(self) -> float:
-        self.restless = True
+        self.volatile = True
         return self.s.now
 
     @property
     def all_containers(self) -> Sequence[Container]:
-        self.restless = True
+        self.volatile = True
         return self.s.observed.containers
 
     def of(self, service: str) -> Sequence[Container]:
@@ -35,7 +36,7 @@ class View:
         return next(iter(self.containers.get(service, ())), None)
 
     def starting(self, service: str) -> bool:
-        """Whether a call is under way upon which it is active."""
+        """Return whether a call is under way that makes the service active."""
         flight = self.s.memory.in_flight.get(service)
         return flight is not None and flight.action.operation.begins
 

@@ -1,4 +1,5 @@
-"""The rule of activation: the least set of services that must be active now, and why each is in it."""
+"""The rule of activation: the least set of services that must be active now, and why each is in it. It follows the
+paper (section III-B): only requested services are kept active."""
 
 from __future__ import annotations
 
@@ -10,13 +11,13 @@ from rorg.model.graph import closure
 from rorg.model.learned import Likelihood
 
 ROOTS = ("always_on", "meta", "prewarmed")
-"""Kinds of causes for which nothing else has to be wanted."""
+"""Kinds of causes that need nothing else to be wanted."""
 
 
 @dataclass(frozen=True, slots=True)
 class Cause:
-    """Why a service is wanted: `always_on`, `meta`, `requested` (by a service, with a request's id), `needed`, or
-    `prewarmed`, which is no request: it is likely that a service will soon ask for it."""
+    """Why a service is wanted: `always_on`, `meta`, `requested` (by a service, with the request's id), `needed`, or
+    `prewarmed` (a request is likely)."""
 
     kind: str
     by: str = ""
@@ -33,7 +34,7 @@ class Cause:
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """Of the chain from a root to a service: a service, and why it is wanted."""
+    """One step of the chain from a root to a service, with the reason."""
 
     service: str
     cause: Cause
@@ -46,26 +47,26 @@ Wanted = Mapping[str, tuple[Cause, ...]]
 
 
 def wanted(catalog: Catalog, requests: Iterable[Request], without: Collection[str] = ()) -> Wanted:
-    """The least set closed under the rules (design: the rule of activation), found from its roots outwards.
+    """Return the least set closed under the rules, found from its roots outwards.
 
-    A request counts only while its requester is itself in the set, so a ring of services that only request each other
-    is not reached from any root, and is ceased. Services in `without` are left out, with all that only they want.
+    A request counts only while its requester is in the set. So services that only request each other are not reached
+    from any root, and cease. Services in `without` are left out, with everything that only they want.
     """
     by_requester: dict[str, list[Request]] = {}
     for request in requests:
         by_requester.setdefault(request.requester, []).append(request)
-    found: dict[str, dict[Cause, None]] = {}
+    causes_of: dict[str, dict[Cause, None]] = {}
     pending = list(_roots(catalog))
     while pending:
         name, cause = pending.pop(0)
         if name in without:
             continue
-        if name in found:
-            found[name][cause] = None
+        if name in causes_of:
+            causes_of[name][cause] = None
             continue
-        found[name] = {cause: None}
+        causes_of[name] = {cause: None}
         pending += _asked(catalog, name, by_requester.get(name, []))
-    return {name: tuple(causes) for name, causes in found.items()}
+    return {name: tuple(reasons) for name, reasons in causes_of.items()}
 
 
 def _roots(catalog: Catalog) -> Iterator[tuple[str, Cause]]:
@@ -77,7 +78,7 @@ def _roots(catalog: Catalog) -> Iterator[tuple[str, Cause]]:
 
 
 def _asked(catalog: Catalog, name: str, requests: Iterable[Request]) -> Iterator[tuple[str, Cause]]:
-    """What follows from a service being wanted: what it requests, and what it needs."""
+    """Return what follows from a service being wanted: what it requests and what it needs."""
     for request in requests:
         for member in dict.fromkeys(m for s in request.services for m in catalog.members(s)):
             yield member, Cause("requested", name, request.id)
@@ -86,40 +87,41 @@ def _asked(catalog: Catalog, name: str, requests: Iterable[Request]) -> Iterator
             yield need, Cause("needed", name)
 
 
-def urgent(catalog: Catalog, found: Wanted) -> frozenset[str]:
-    """What live requests wait for: the requested services and all that they need."""
-    asked = [name for name, causes in found.items() if any(c.kind == "requested" for c in causes)]
+def urgent(catalog: Catalog, wanted_now: Wanted) -> frozenset[str]:
+    """Return what live requests wait for: requested services and everything they need."""
+    asked = [name for name, causes in wanted_now.items() if any(c.kind == "requested" for c in causes)]
     return frozenset(closure(catalog.services, asked))
 
 
-def wanted_without(found: Wanted, name: str) -> frozenset[str]:
-    """What would be wanted still if this service were not."""
+def wanted_without(wanted_now: Wanted, name: str) -> frozenset[str]:
+    """Return what would still be wanted without this service."""
     causes: dict[str, list[str]] = {}
-    for service, reasons in found.items():
+    for service, reasons in wanted_now.items():
         for cause in reasons:
             causes.setdefault(cause.by, []).append(service)
-    # Roots are by nobody.
-    reached, pending = set[str](), [""] if name in found else []
+    # The cause of a root has no `by`.
+    reached, pending = set[str](), [""] if name in wanted_now else []
     while pending:
         for service in causes.get(pending.pop(), ()):
             if service != name and service not in reached:
                 reached.add(service)
                 pending.append(service)
-    return frozenset(reached if name in found else found)
+    return frozenset(reached if name in wanted_now else wanted_now)
 
 
-def chain(found: Wanted, name: str) -> list[tuple[str, Cause]]:
-    """From a root to the service: [(service, why it is wanted), ...], shortest first; empty when it is not wanted."""
-    if name not in found:
+def chain(wanted_now: Wanted, name: str) -> list[tuple[str, Cause]]:
+    """Return the shortest chain [(service, why it is wanted), ...] from a root to the service; empty if it is
+    unwanted."""
+    if name not in wanted_now:
         return []
-    trails: list[list[tuple[str, Cause]]] = [[(name, cause)] for cause in found[name]]
-    seen = {name}
+    trails: list[list[tuple[str, Cause]]] = [[(name, cause)] for cause in wanted_now[name]]
+    visited = {name}
     while trails:
         trail = trails.pop(0)
         cause = trail[0][1]
         if cause.kind in ROOTS:
             return trail
-        if cause.by not in seen:
-            seen.add(cause.by)
-            trails += [[(cause.by, c), *trail] for c in found.get(cause.by, ())]
+        if cause.by not in visited:
+            visited.add(cause.by)
+            trails += [[(cause.by, c), *trail] for c in wanted_now.get(cause.by, ())]
     return []

@@ -1,5 +1,6 @@
-"""A typing error in a name must stop nothing: what a request, a need or a group of the last good tree names stays as it
-was declared, until a person has confirmed that it goes. So does everything if a tree declares no service any more."""
+"""Withheld removals: a typing error in a name must not stop anything. A removed service that a request, a need or a
+group of the last good tree still names stays as it was declared until a person confirms its removal. So does everything
+if a tree declares no service any more."""
 
 from __future__ import annotations
 
@@ -14,19 +15,19 @@ from rorg.model.former import Former, Kept
 
 T = TypeVar("T")
 Withheld = Mapping[str, str]
-"""Services and groups whose removal waits for a person's word, each with the reason."""
-EMPTIED = "the manifests declare no service any more"
+"""Services and groups whose removal waits for confirmation -> the reason."""
+EMPTIED = "the manifests no longer declare any service"
 
 
 def emptied(catalog: Catalog) -> bool:
-    """Whether a tree has been read that declares no service."""
+    """Return whether a tree was read that declares no service."""
     return len(catalog.services) <= 1 and bool(catalog.fingerprint)
 
 
 def withhold(
     kept: Kept, desired: Desired, requests: Collection[Request], observed: Observed, confirmed: Collection[str]
 ) -> tuple[Kept, Desired, Withheld]:
-    """What is desired, with what is withheld still in it. Until a tree has been read, nothing is concluded."""
+    """Return the desired state including withheld services. Until a tree has been read, nothing is withheld."""
     catalog = desired.catalog
     if emptied(catalog):
         return _withhold_all(kept, desired, observed, confirmed)
@@ -35,41 +36,40 @@ def withhold(
     former = {} if catalog.policy.removals == "auto" else _former(kept, catalog, observed, confirmed)
     former = _judged(former, catalog, requests, confirmed)
     held = {name: f for name, f in former.items() if f.withheld and name not in confirmed}
-    found = {name: f.withheld for name, f in held.items()} | _unknown(former, catalog, requests, observed, confirmed)
+    reasons = {name: f.withheld for name, f in held.items()} | _unknown(former, catalog, requests, observed, confirmed)
     if not held:
-        return Kept(catalog, former), desired, found
+        return Kept(catalog, former), desired, reasons
     merged = _merged(kept, desired, catalog, held)
-    return Kept(catalog, former, merged), merged[2], found
+    return Kept(catalog, former, merged), merged[2], reasons
 
 
 def _withhold_all(
     kept: Kept, desired: Desired, observed: Observed, confirmed: Collection[str]
 ) -> tuple[Kept, Desired, Withheld]:
-    """The last tree that declared anything stays in force, but for what is confirmed to go. A container of which no
-    tree is known stays as it is."""
+    """Keep the last non-empty tree in force, except for confirmed removals. Containers of unknown trees stay too."""
     nothing, last = desired.catalog, kept.catalog or desired.catalog
     if confirmed and not {*last.services, *last.groups, *kept.former}.isdisjoint(confirmed):
-        last = replace(last, services=_but(last.services, confirmed), groups=_but(last.groups, confirmed))
-    former = _but(kept.former, confirmed) if confirmed else kept.former
+        last = replace(last, services=_without(last.services, confirmed), groups=_without(last.groups, confirmed))
+    former = _without(kept.former, confirmed) if confirmed else kept.former
     declared: dict[str, Service | Group] = {**last.services, **last.groups}
     declared |= {name: f.what for name, f in former.items() if f.withheld}
     held = {n: Former(what, withheld=EMPTIED) for n, what in declared.items() if n not in nothing.services}
-    there = (name for name in observed.by_service() if name not in confirmed)
-    found = dict.fromkeys((*held, *there), EMPTIED)
+    present = (name for name in observed.by_service() if name not in confirmed)
+    reasons = dict.fromkeys((*held, *present), EMPTIED)
     if not held:
-        return Kept(last, former), desired, found
+        return Kept(last, former), desired, reasons
     requests = _naming(last.requests, held)
     base = replace(last, services=nothing.services, groups={}, requests=requests, fingerprint=nothing.fingerprint)
     merged = _merged(kept, desired, nothing, held, base)
-    return Kept(last, former, merged), merged[2], found
+    return Kept(last, former, merged), merged[2], reasons
 
 
-def _but(found: Mapping[str, T], names: Collection[str]) -> dict[str, T]:
-    return {name: one for name, one in found.items() if name not in names}
+def _without(mapping: Mapping[str, T], names: Collection[str]) -> dict[str, T]:
+    return {name: value for name, value in mapping.items() if name not in names}
 
 
 def _naming(requests: Iterable[Request], known: Collection[str]) -> tuple[Request, ...]:
-    """What is left of standing requests."""
+    """Return standing requests, without names that are gone."""
     named = (replace(r, services=tuple(n for n in r.services if n in known)) for r in requests)
     return tuple(r for r in named if r.services and (r.requester == DEVELOPER or r.requester in known))
 
@@ -77,7 +77,7 @@ def _naming(requests: Iterable[Request], known: Collection[str]) -> tuple[Reques
 def _merged(
     kept: Kept, desired: Desired, catalog: Catalog, held: Mapping[str, Former], base: Catalog | None = None
 ) -> tuple[Catalog, Mapping[str, Former], Desired]:
-    """With the catalog and what of others is in it, as it was found the last time if both are the same."""
+    """Return the desired state with these services merged in, reused from the last pass if both inputs are the same."""
     merged = kept.merged
     if merged is not None and merged[0] is catalog and merged[1] == held:
         return merged
@@ -85,7 +85,7 @@ def _merged(
 
 
 def over(confirmed: Iterable[str], kept: Kept, catalog: Catalog, observed: Observed) -> tuple[str, ...]:
-    """Confirmations that have nothing more to say: what they name is gone, or declared again."""
+    """Return confirmations that no longer apply: what they name is gone or declared again."""
     if not observed.complete or (len(catalog.services) <= 1 and not emptied(catalog)):
         return ()
     there = observed.by_service()
@@ -97,26 +97,26 @@ def over(confirmed: Iterable[str], kept: Kept, catalog: Catalog, observed: Obser
 
 
 def _former(kept: Kept, catalog: Catalog, observed: Observed, confirmed: Collection[str]) -> dict[str, Former]:
-    """What was declared once, is not now, and is still there. Meta-services and groups have no container: they are
-    there until their going is confirmed."""
-    found = {n: f for n, f in kept.former.items() if f.withheld or not _bodiless(f.what)}
+    """Return what was declared once, is not now, and still exists. Meta-services and groups have no container: they
+    exist until their removal is confirmed."""
+    former_services = {n: f for n, f in kept.former.items() if f.withheld or not _bodiless(f.what)}
     last = kept.catalog
     if last is not None and last is not catalog:
         held = [f.what for f in kept.former.values() if f.withheld and isinstance(f.what, Service)]
         declared: dict[str, Service | Group] = {**last.services, **last.groups}
         for name, what in declared.items():
-            found[name] = Former(
+            former_services[name] = Former(
                 what,
                 tuple(s.name for s in (*last.services.values(), *held) if name in s.needs),
                 tuple(g.name for g in last.groups.values() if name in g.services),
             )
-    there = observed.by_service()
+    containers = observed.by_service()
     return {
         name: f
-        for name, f in found.items()
+        for name, f in former_services.items()
         if name not in catalog.services
         and name not in catalog.groups
-        and (name not in confirmed if _bodiless(f.what) else name in there or not observed.complete)
+        and (name not in confirmed if _bodiless(f.what) else name in containers or not observed.complete)
     }
 
 
@@ -127,19 +127,19 @@ def _bodiless(what: Service | Group) -> bool:
 def _judged(
     former: Mapping[str, Former], catalog: Catalog, requests: Collection[Request], confirmed: Collection[str]
 ) -> dict[str, Former]:
-    """With the reason of each that is withheld. What only needed each other goes together."""
-    found = dict(former)
-    while found:
-        staying = {*catalog.services, *(n for n, f in found.items() if f.withheld and n not in confirmed)}
+    """Return former services with the reasons to withhold them. Services that only needed each other go together."""
+    judged = dict(former)
+    while judged:
+        staying = {*catalog.services, *(n for n, f in judged.items() if f.withheld and n not in confirmed)}
         more = {
             name: replace(f, withheld=why)
-            for name, f in found.items()
+            for name, f in judged.items()
             if not f.withheld and (why := _why(name, f, requests, staying))
         }
         if not more:
             break
-        found |= more
-    return found
+        judged |= more
+    return judged
 
 
 def _why(name: str, former: Former, requests: Collection[Request], staying: Collection[str]) -> str:
@@ -166,7 +166,7 @@ def _unknown(
     observed: Observed,
     confirmed: Collection[str],
 ) -> dict[str, str]:
-    """Containers of ours of which no tree is known, and that a request names."""
+    """Return containers of unknown trees that a request names."""
     if catalog.policy.removals == "auto":
         return {}
     return {
@@ -180,7 +180,7 @@ def _unknown(
 
 
 def _with(catalog: Catalog, held: Mapping[str, Former]) -> Catalog:
-    """The catalog with these in it, as far as what they name is still there."""
+    """Return the catalog including these, without references to what is gone."""
     services = {**catalog.services, **{n: f.what for n, f in held.items() if isinstance(f.what, Service)}}
     groups = {
         **catalog.groups,

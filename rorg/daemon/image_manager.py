@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable, Mapping
 
 from rorg.core.desired import Desired
-from rorg.core.missing import Missing
+from rorg.core.situation import MissingImage
 from rorg.daemon.recorder import Recorder
 from rorg.engines.protocol import Images
 from rorg.errors import RorgError, Unreachable
@@ -24,8 +24,8 @@ SOON = 1.0
 """Seconds until an engine that does not answer is asked again."""
 AGAIN, MOST = 30.0, 3600.0
 """Seconds until a failed image is tried again; twice as long each time, up to MOST."""
-LOOKED_FOR = Missing("is being looked for")
-NOTHING: Mapping[str, Missing] = {}
+LOOKED_FOR = MissingImage("is being looked for")
+NOTHING: Mapping[str, MissingImage] = {}
 
 
 class ImageManager:
@@ -44,7 +44,7 @@ class ImageManager:
         self._records: tuple[int, ...] = ()
         """The stamp of the record of builds at the last look."""
         self._there: set[str] = set()
-        self._missing: Mapping[str, Missing] = NOTHING
+        self._missing: Mapping[str, MissingImage] = NOTHING
         self._failures = 0
         """Attempts in a row in which something failed."""
         self._pause: float | None = None
@@ -63,7 +63,7 @@ class ImageManager:
         if busy:  # a build ends with this process
             self._thread.join(PATIENCE)
 
-    def look(self, desired: Desired, content: Content) -> Mapping[str, Missing]:
+    def look(self, desired: Desired, content: Content) -> Mapping[str, MissingImage]:
         """Reference -> why nothing can be made from it now. Never asks the engine: what is not known to exist is looked
         for in the background."""
         with self._changed:
@@ -154,7 +154,7 @@ class ImageManager:
                 self._there.add(reference)
             if reference in self._missing:
                 rest = {r: m for r, m in self._missing.items() if r != reference}
-                self._missing = rest if had else {**rest, reference: Missing(reason, failed=True)}
+                self._missing = rest if had else {**rest, reference: MissingImage(reason, failed=True)}
         if result.outcome != "present":
             self._tell(result, reason)
         self.wake()
@@ -176,22 +176,22 @@ class ImageManager:
     def _failed(self, text: str) -> None:
         self._over(True)
         with self._changed:
-            self._missing = {r: Missing(f"is not available: {text}", failed=True) for r in self._missing}
+            self._missing = {r: MissingImage(f"is not available: {text}", failed=True) for r in self._missing}
         self.wake()
 
 
-def _reason(reference: str, catalog: Catalog, content: Content) -> Missing:
+def _reason(reference: str, catalog: Catalog, content: Content) -> MissingImage:
     """What happens about a missing image. An import runs a command on this machine, so a person must start it."""
     policy, image = catalog.policy.images, catalog.images.get(content.named(reference))
     if image is None and policy.pull == "never":
-        return Missing(
+        return MissingImage(
             "is not on this machine, and the Policy does not allow to pull it; try `docker pull`", failed=True
         )
     if image is None:
-        return Missing("is being pulled")
+        return MissingImage("is being pulled")
     if image.import_command is not None or policy.build == "never":
-        return Missing(f"is not on this machine; try `rorg build {image.name}`", failed=True)
-    return Missing("is being built")
+        return MissingImage(f"is not on this machine; try `rorg build {image.name}`", failed=True)
+    return MissingImage("is being built")
 
 
 def why(result: Result, external: bool) -> str:

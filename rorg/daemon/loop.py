@@ -10,10 +10,10 @@ from dataclasses import replace
 from rorg.core.decide import Decision, decide
 from rorg.core.desired import Desired
 from rorg.core.dispatch import DispatchLimits
-from rorg.core.down import taken_down
 from rorg.core.inputs import Inputs
 from rorg.core.memory import Memory
 from rorg.core.outcomes import finish
+from rorg.core.teardown import teardown
 from rorg.daemon.learner import Learner
 from rorg.daemon.parts import Collaborators
 from rorg.daemon.reporter import Reporter
@@ -187,7 +187,7 @@ class Loop:
         if self.engine.local:  # a refused connection on this machine says nothing about a node on another machine
             self.ros.look(decision.situation)
             self.shm.look(decision.situation)
-        self.learner.note(decision.memory.foresight.learned)
+        self.learner.note(decision.memory.prediction.learned)
         if not document.down:  # a robot that is down says nothing about its manifests
             self.recorder.historian.note(decision, self.memory, self.tree, self.epoch)
         self.tree.standing = self.recorder.historian.standing
@@ -233,7 +233,7 @@ class Loop:
     def _without_all(self, inputs: Inputs) -> Inputs:
         """The inputs of a robot that is taken down: nothing is requested, and everything may be removed."""
         if self._down is None or self._down[0] is not inputs.desired:
-            self._down = inputs.desired, taken_down(inputs.desired, self.memory.kept.catalog)
+            self._down = inputs.desired, teardown(inputs.desired, self.memory.kept.catalog)
         return replace(inputs, desired=self._down[1], requests=(), restarts={}, holds={}, removals=True, down=True)
 
     @property

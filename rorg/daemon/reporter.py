@@ -14,7 +14,7 @@ from rorg.core.observed import Observed
 from rorg.core.pausing import risks
 from rorg.core.requests import MOST_TOLD
 from rorg.core.ros_graph import Takeover
-from rorg.core.states import NONE, passages
+from rorg.core.state_changes import NONE, state_changes
 from rorg.daemon.recorder import Recorder
 from rorg.daemon.snapshot import pressure_json
 from rorg.daemon.tree import Tree
@@ -196,7 +196,7 @@ class Reporter:
         """Write the states that services come into to the journal, without a line for people."""
         first = self._states is None
         states = self._states = self._states or {}
-        found = passages(states, decision)
+        found = state_changes(states, decision)
         states.update({p.service: p.state for p in found})
         if first and found:  # one entry for all, since nothing has changed
             message = f"found {counted(len(found), 'service')} with a container"

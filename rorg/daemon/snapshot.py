@@ -81,7 +81,7 @@ class Snapshots:
         if decision.whole:
             self._stale = None
         elif self._stale is not None:
-            self._stale.update(decision.looked_at)
+            self._stale.update(decision.replanned)
             for was, out in zip(before, self._out, strict=True):
                 self._stale.update(n for n in {*was, *out} if was.get(n) != out.get(n))
 

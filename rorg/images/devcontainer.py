@@ -9,33 +9,10 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
+from rorg.model.options import OPTIONS
+
 MARK = "rorg"
 """Key below `customizations`: it marks files that rorg wrote."""
-_SAME = (
-    *("cap_add", "cap_drop", "cgroup_parent", "cpu_period", "cpu_quota", "cpu_rt_period", "cpu_rt_runtime"),
-    *("cpu_shares", "cpus", "cpuset_mems", "dns", "dns_search", "domainname", "expose", "group_add", "hostname", "ipc"),
-    *("isolation", "oom_score_adj", "pid", "pids_limit", "platform", "runtime", "security_opt", "shm_size"),
-    *("stop_signal", "tmpfs", "uts", "volumes_from"),
-)
-FLAGS = {
-    **{name: name.replace("_", "-") for name in _SAME},
-    "cgroup": "cgroupns",
-    "cpuset": "cpuset-cpus",
-    "device_cgroup_rules": "device-cgroup-rule",
-    "devices": "device",
-    "dns_opt": "dns-option",
-    "extra_hosts": "add-host",
-    "links": "link",
-    "mem_limit": "memory",
-    "mem_reservation": "memory-reservation",
-    "mem_swappiness": "memory-swappiness",
-    "memswap_limit": "memory-swap",
-    "network_mode": "network",
-    "userns_mode": "userns",
-}
-"""Options whose value, or each item of it, is the value of a flag."""
-SWITCHES = ("init", "oom_kill_disable", "privileged", "read_only")
-PAIRS = {"annotations": "annotation", "storage_opt": "storage-opt", "sysctls": "sysctl"}
 ELSEWHERE = frozenset(
     ("image", "volumes", "environment", "user", "working_dir", "command", "entrypoint", "stdin_open", "healthcheck")
 )
@@ -80,13 +57,7 @@ def _mount(volume: Mapping[str, Any]) -> str:
 
 
 def _flags(option: str, value: Any) -> list[str]:
-    """Flags of `docker run` for an option; empty if there is none."""
-    if option in SWITCHES:
-        return [f"--{option.replace('_', '-')}"] if value else []
-    if option in FLAGS:
-        return [f"--{FLAGS[option]}={v}" for v in (value if isinstance(value, list) else [value])]
-    if option in PAIRS:
-        return [f"--{PAIRS[option]}={k}={v}" for k, v in value.items()]
+    """The flags of `docker run` for an option; none if it has no flag."""
     if option == "ulimits":
         return [f"--ulimit={name}={limit['soft']}:{limit['hard']}" for name, limit in value.items()]
     if option == "networks":
@@ -96,7 +67,12 @@ def _flags(option: str, value: Any) -> list[str]:
     if option == "logging":
         options = [f"--log-opt={k}={v}" for k, v in value.get("options", {}).items()]
         return [f"--log-driver={value.get('driver', 'json-file')}", *options]
-    return []
+    flag = OPTIONS[option].flag if option in OPTIONS else ""
+    if not flag or isinstance(value, bool):
+        return [f"--{flag}"] if flag and value else []
+    if isinstance(value, Mapping):
+        return [f"--{flag}={k}={v}" for k, v in value.items()]
+    return [f"--{flag}={v}" for v in (value if isinstance(value, list) else [value])]
 
 
 def _gpu(value: Mapping[str, Any]) -> str:

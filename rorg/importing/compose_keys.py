@@ -10,6 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+from rorg.model.options import OF_COMPOSE
+
 
 @dataclass(frozen=True, slots=True)
 class Row:
@@ -56,13 +58,7 @@ MOUNTED, MODELS = _to("files that are mounted"), _refuse("rorg does not run mode
 COPIES, LIMITS = _to("a Service for each copy"), _to("spec.resources and limits of container")
 
 SERVICE = _table(
-    "annotations blkio_config cap_add cap_drop cgroup cgroup_parent container_name cpu_period cpu_quota cpu_rt_period "
-    "cpu_rt_runtime cpu_shares cpus cpuset device_cgroup_rules devices dns dns_opt dns_search domainname entrypoint "
-    "env_file environment expose extra_hosts gpus group_add healthcheck hostname init ipc isolation labels logging "
-    "mac_address mem_limit mem_reservation mem_swappiness memswap_limit network_mode networks oom_kill_disable "
-    "oom_score_adj pid pids_limit platform ports privileged read_only runtime security_opt shm_size stdin_open "
-    "stop_grace_period stop_signal storage_opt sysctls tmpfs tty ulimits user userns_mode uts volumes volumes_from "
-    "working_dir",
+    " ".join((*OF_COMPOSE, "env_file")),
     {
         "attach": _drop("rorg shows the output of every service", "`rorg logs -f SERVICE`"),
         "build": _to("a manifest of kind Image"),

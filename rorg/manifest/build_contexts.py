@@ -1,7 +1,7 @@
-"""What else an image is built from: the contexts that its Dockerfile uses by a name, and where layers are kept.
+"""Additional build contexts, which a Dockerfile uses by name, and `cache_from`.
 
-A context that is an image takes the place of the name in the Dockerfile. One that is a directory becomes an Image of
-its own, of nothing but its files, so that every builder can copy from it; it is built, kept and pruned as all are.
+An image as a context replaces the name in the Dockerfile. A directory becomes an Image of its own that holds only its
+files, so that every builder can copy from it. rorg builds, keeps and prunes it like any other Image.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from rorg.manifest.documents import Source
 from rorg.manifest.files import real
 from rorg.manifest.option_checks import check_image
 from rorg.model.catalog import Image, Service
-from rorg.model.diagnostics import Diagnostic, Where, nearest
+from rorg.model.diagnostics import Diagnostic, nearest
 from rorg.model.image_names import check_name, declared, plain
 
 FILES = "FROM scratch\nCOPY . /\n"
-"""The Dockerfile of a directory that is an image."""
+"""The Dockerfile of an image that is made from a directory."""
 REFERENCE = re.compile(r"(?:docker-image://|image:)(.*)", re.DOTALL)
 REMOTE = re.compile(r"[a-z][a-z+-]*://|git@|(?:target|oci-layout):", re.IGNORECASE)
 CACHE = re.compile(r"type=registry,ref=([^,]+)")
@@ -30,88 +30,74 @@ TAKEN = "./directory, docker-image://REFERENCE, service:NAME or the name of an I
 
 @dataclass
 class Contexts:
-    """Of one Image. `stands_for`: name in the Dockerfile (in its shortest form) -> reference of an image."""
+    """The contexts of one Image. `stands_for`: name in the Dockerfile (in its shortest form) -> reference of an
+    image."""
 
     stands_for: dict[str, str] = field(default_factory=dict)
     made: dict[str, Image] = field(default_factory=dict)
     diagnostics: list[Diagnostic] = field(default_factory=list)
 
 
+class _Wrong(Exception):
+    """(message, remedy) about one context."""
+
+
 def contexts_of(source: Source, services: Mapping[str, Service], images: Collection[str]) -> Contexts:
-    """What an Image declares as additional contexts. `images` are the names of all Images of the tree."""
+    """Reads the additional contexts of an Image. `images` are the names of all Images of the tree."""
     found = Contexts()
     for name, value in source.spec.additional_contexts.items():
-        where = source.where("spec", "additional_contexts", name)
-        wrong = _read(found, source, name, value, services, images, where)
-        if wrong:
-            found.diagnostics.append(Diagnostic(where, f"additional_contexts.{name}: {wrong[0]}", wrong[1]))
+        try:
+            found.stands_for[plain(name)] = _reference(found, source, name, value, services, images)
+        except _Wrong as wrong:
+            where, (message, remedy) = source.where("spec", "additional_contexts", name), wrong.args
+            found.diagnostics.append(Diagnostic(where, f"additional_contexts.{name}: {message}", remedy))
     return found
 
 
-def _read(
-    found: Contexts,
-    source: Source,
-    name: str,
-    value: str,
-    services: Mapping[str, Service],
-    images: Collection[str],
-    where: Where,
-) -> tuple[str, str] | None:
-    """Takes one context in; or what is wrong with it, and a remedy."""
-    reference, wrong = "", None
+def _reference(
+    found: Contexts, source: Source, name: str, value: str, services: Mapping[str, Service], images: Collection[str]
+) -> str:
+    """The reference of the image that a context is, or becomes. Raises _Wrong."""
     if match := REFERENCE.fullmatch(value):
-        reference = match[1]
-        wrong = _no_reference(reference)
-    elif value.startswith("service:"):
-        service = services.get(value.removeprefix("service:"))
-        if service is None or service.spec is None:
-            known = {n for n, s in services.items() if s.spec is not None}
-            return f"'{value}' is no service with an image", nearest(value.removeprefix("service:"), known)
-        reference = str(service.spec["image"])
-    elif REMOTE.match(value):
-        wrong = f"rorg builds from '{value}' on no engine", TAKEN
-    elif declared(value, images):
-        reference = declared(value, images)
-    else:
-        reference, wrong = _directory(found, source, name, value, images, where)
-    if not wrong:
-        found.stands_for[plain(name)] = reference
-    return wrong
+        try:
+            check_image(match[1])
+        except ValueError as error:
+            raise _Wrong(str(error), TAKEN) from None
+        return match[1]
+    if value.startswith("service:"):
+        used = {n: str(s.spec["image"]) for n, s in services.items() if s.spec is not None}
+        service = value.removeprefix("service:")
+        if service not in used:
+            raise _Wrong(f"'{value}' is not a service with an image", nearest(service, used))
+        return used[service]
+    if REMOTE.match(value):
+        raise _Wrong(f"rorg cannot build from '{value}' on any engine", TAKEN)
+    return declared(value, images) or _directory(found, source, name, value, images)
 
 
-def _no_reference(text: str) -> tuple[str, str] | None:
-    try:
-        check_image(text)
-    except ValueError as error:
-        return str(error), TAKEN
-    return None
-
-
-def _directory(
-    found: Contexts, source: Source, name: str, value: str, images: Collection[str], where: Where
-) -> tuple[str, tuple[str, str] | None]:
-    """The Image that a directory becomes; or what is wrong with it."""
+def _directory(found: Contexts, source: Source, name: str, value: str, images: Collection[str]) -> str:
+    """Makes an Image from a directory and returns its name. Raises _Wrong."""
     path = str(real(source.directory / os.path.expanduser(value)))
     if not os.path.isdir(path):
-        return "", (f"no directory {path}", "creating it, or " + TAKEN)
+        raise _Wrong(f"no directory {path}", "creating it, or " + TAKEN)
     called = f"{plain(source.name).replace(':', '-')}-{re.sub(r'[^a-z0-9]+', '-', name.lower()).strip('-')}-context"
     try:
         check_name(called)
     except ValueError:
-        return "", (f"'{name}' cannot name a context", "small letters and digits")
+        raise _Wrong(f"'{name}' cannot name a context", "small letters and digits") from None
     if called in images or called in found.made:
-        return "", (f"its files become the image '{called}', which is another one", "another name for one of both")
-    image = Image(called, path, "Dockerfile", {}, None, str(real(source.directory)), where, inline=FILES)
-    found.made[called] = replace(image, bases=())
-    return called, None
+        raise _Wrong(f"its files become the image '{called}', which already exists", "another name for one of the two")
+    where, folder = source.where("spec", "additional_contexts", name), str(real(source.directory))
+    found.made[called] = Image(called, path, "Dockerfile", {}, None, folder, where, inline=FILES)
+    return called
 
 
 def stood_in(
     image: Image, source: Source, whole: Dockerfile, uses: tuple[Use, ...], found: Contexts
 ) -> tuple[Image, tuple[Use, ...], list[Diagnostic]]:
-    """The image, and what its Dockerfile uses, with the images that stand for names. `whole`: all of the file, whatever
-    is built of it. A name that nothing uses is told, and one of a stage is refused: Docker takes the stage's place
-    there, and not every builder can."""
+    """Replaces the names of contexts in the image and in its uses. `whole` is the complete Dockerfile, even if only
+    some stages are built. Reports names that nothing uses, and refuses the name of a stage: Docker would use the
+    context in its place, and not every builder can."""
     names = {
         use.reference: found.stands_for[plain(use.reference)]
         for use in uses
@@ -122,7 +108,7 @@ def stood_in(
         where = source.where("spec", "additional_contexts", name, key=True)
         if name.lower() in map(str.lower, whole.stages):
             message = f"additional_contexts.{name}: {image.dockerfile} has a stage of that name"
-            told.append(Diagnostic(where, message, "another name for one of both"))
+            told.append(Diagnostic(where, message, "another name for one of the two"))
         elif plain(name) in found.stands_for and plain(name) not in {plain(use.reference) for use in whole.uses}:
             message = f"{image.dockerfile} uses no '{name}', so this changes nothing"
             told.append(Diagnostic(where, message, f"COPY --from={name} in it", "warning"))
@@ -131,17 +117,16 @@ def stood_in(
 
 
 def cache_of(source: Source) -> tuple[tuple[str, ...], list[Diagnostic]]:
-    """References of images whose layers a build may use. They say nothing of what comes of it."""
+    """Returns images whose layers a build may use. They do not change the result of the build."""
     spec: Any = source.spec
     found, diagnostics = [], []
     for index, value in enumerate(spec.cache_from):
         match = CACHE.fullmatch(value)
-        reference = match[1] if match else value
-        wrong = _no_reference(reference)
-        if wrong:
+        try:
+            check_image(match[1] if match else value)
+            found.append(match[1] if match else value)
+        except ValueError:
             where = source.where("spec", "cache_from", index)
             message = f"cache_from: '{value}' is not an image, and rorg takes layers from nothing else"
             diagnostics.append(Diagnostic(where, message, "name:tag, or type=registry,ref=name:tag"))
-        else:
-            found.append(reference)
     return tuple(found), diagnostics

@@ -1,7 +1,7 @@
 """The `container:` section: every option of the engine's create call, under Compose's names.
 
-Each field says what a change of it costs a running container, in `x-rorg-change`:
-`live` (the engine updates it in place), or `recreate` (stop, remove, create, start).
+Each field is marked in `x-rorg-change` with the cost of a change for a running container: `live` (the engine updates it
+in place) or `recreate` (stop, remove, create, start).
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from rorg.manifest.long_forms import Device, EnvFiles, PortForm
 from rorg.manifest.option_forms import (
     Bytes,
     Cores,
+    Duration,
     Labels,
     Limit,
     Limitless,
@@ -27,25 +28,24 @@ from rorg.manifest.option_forms import (
     Words,
 )
 from rorg.manifest.option_parts import BlkioConfig, Gpus, Healthcheck, Hosts, Logging, Networks, Ulimits, Volume
-from rorg.manifest.scalars import Duration
 
 CONTAINER_NAME = r"^(\$\{service\}|[a-zA-Z0-9]([a-zA-Z0-9_.-]|\$\{service\}))([a-zA-Z0-9_.-]|\$\{service\})*$"
 PERIOD = "write 1000 to 1000000, in microseconds"
 
 
 class ContainerOptions(Strict):
-    """Options of the container, named as in Compose. What rorg itself decides (image, command, restart of
-    services) stands outside of this section."""
+    """Options of the container, named as in Compose. rorg decides some things itself (image, command, restart of
+    services); their fields are outside this section."""
 
     annotations: Pairs | None = recreate("Annotations for the container runtime.", {"org.example.team": "arms"})
     blkio_config: BlkioConfig | None = recreate("Limits and shares of block devices.", {"weight": 300})
     cap_add: list[Annotated[str, check.CAPABILITY]] | None = recreate("Linux capabilities to add.", ["NET_ADMIN"])
-    cap_drop: list[Annotated[str, check.CAPABILITY]] | None = recreate("Linux capabilities to take away.", ["ALL"])
+    cap_drop: list[Annotated[str, check.CAPABILITY]] | None = recreate("Linux capabilities to remove.", ["ALL"])
     cgroup: Literal["host", "private"] | None = recreate(
-        "The cgroup namespace: the host's, or one of its own.", "private", unset="what the engine is set to"
+        "The cgroup namespace: the host's, or a private one.", "private", unset="what the engine is set to"
     )
     cgroup_parent: Annotated[str, check.PARENT] | None = recreate(
-        "The control group that the container is put into.", "robot.slice"
+        "The parent control group of the container.", "robot.slice"
     )
     container_name: Annotated[str, Field(pattern=CONTAINER_NAME), check.CONTAINER] | None = live(
         "Name of the container.", "fetch-navigation", unset="the service's name"
@@ -67,9 +67,11 @@ class ContainerOptions(Strict):
     )
     cpus: Cores | None = live("Most CPU that the container may use, in cores.", 0.5, unset="no limit")
     cpuset: Annotated[Text, check.CPUS] | None = live("CPUs that the container may run on.", "0-2,4", unset="all")
-    cpuset_mems: Annotated[Text, check.CPUS] | None = live("NUMA nodes whose memory it may use.", "0", unset="all")
+    cpuset_mems: Annotated[Text, check.CPUS] | None = live(
+        "NUMA nodes whose memory the container may use.", "0", unset="all"
+    )
     device_cgroup_rules: list[Annotated[str, check.DEVICE_RULE]] | None = recreate(
-        "Classes of devices that the container may use, beside `devices`.", ["c 188:* rw"]
+        "Classes of devices that the container may use, in addition to `devices`.", ["c 188:* rw"]
     )
     devices: list[Device] | None = recreate(
         "Devices of the host: PATH, PATH:PATH_INSIDE, PATH:PATH_INSIDE:rwm, or a mapping. For hardware, "
@@ -86,7 +88,7 @@ class ContainerOptions(Strict):
         "Replaces the entry point of the image; the command follows it.", "/ros_entrypoint.sh", unset="the image's"
     )
     env_file: EnvFiles | None = recreate(
-        "Files of variables, relative to the manifest, written as Compose reads them; `environment` wins over them.",
+        "Files of variables, relative to the manifest, in Compose's format; `environment` overrides them.",
         ["./arm.env"],
     )
     environment: Annotated[Pairs, check.VARIABLES] | None = recreate(
@@ -96,7 +98,7 @@ class ContainerOptions(Strict):
         "Ports that other containers on the same network may reach.", ["9090"]
     )
     extra_hosts: Hosts | None = recreate("Lines of /etc/hosts in the container.", ["base:192.168.1.10"])
-    gpus: Gpus | None = recreate("GPUs of the host: all, or a list of what is needed.", "all")
+    gpus: Gpus | None = recreate("GPUs of the host: all, or a list of requests.", "all")
     group_add: list[Annotated[Text, check.GROUP]] | None = recreate(
         "Groups of the container's user, by name or number.", ["dialout", "video"]
     )
@@ -109,17 +111,16 @@ class ContainerOptions(Strict):
     init: bool | None = recreate("Runs a small init that forwards signals and reaps zombies.", True)
     ipc: Annotated[str, check.IPC] | None = recreate(
         "Shared memory: none, private, shareable, host, service:NAME or container:NAME. A service whose memory others "
-        "share is `shareable`. ROS 2 shares memory by `host`.",
+        "use must be `shareable`. ROS 2 shares memory through `host`.",
         "host",
     )
     isolation: Literal["default"] | None = recreate("Isolation technology; Linux has one.", "default")
     labels: Labels | None = recreate("Labels of the container, for other tools.", {"team": "arms"})
     links: list[Annotated[str, check.LINK]] | None = recreate(
-        "Other containers that are reached by name: NAME or NAME:ALIAS. A network of your own does more.",
-        ["db:database"],
+        "Other containers to reach by name: NAME or NAME:ALIAS. A network of your own does more.", ["db:database"]
     )
     logging: Logging | None = recreate(
-        "Where the output goes, and how much of it is kept.",
+        "The destination of the output, and how much of it to keep.",
         {"driver": "json-file", "options": {"max-size": "10m", "max-file": "3"}},
     )
     mac_address: Annotated[str, check.MAC] | None = recreate("MAC address in the network.", "02:42:ac:11:00:02")
@@ -127,10 +128,10 @@ class ContainerOptions(Strict):
         "Paths that are hidden inside the container.", ["/proc/kcore"], unset="the engine's list"
     )
     mem_limit: Limit | None = live(
-        "Most memory that the container may use; the kernel kills what takes more.", "512Mi", unset="no limit"
+        "Most memory that the container may use; the kernel kills a process that needs more.", "512Mi", unset="no limit"
     )
     mem_reservation: Limitless | None = live(
-        "Memory that it is cut back to when the machine runs short.", "256Mi", unset="none"
+        "Memory that the container is reduced to when the machine runs short.", "256Mi", unset="none"
     )
     mem_swappiness: Annotated[int, Field(ge=0, le=100)] | None = recreate(
         "How readily its memory is swapped out, 0 to 100 (cgroup v1).", 10
@@ -141,10 +142,10 @@ class ContainerOptions(Strict):
     network_disabled: bool | None = recreate("The container has no network at all.", True, unset="false")
     network_mode: Annotated[str, check.NETWORK_MODE] | None = recreate(
         "The network: host, bridge, none, the name of a network, service:NAME for that of another service's container, "
-        "or container:NAME. A service that is named here is needed, and what restarts it restarts this one.",
+        "or container:NAME. A service here counts as needed, and its restart restarts this one.",
         "bridge",
     )
-    networks: Networks | None = recreate("Networks to join, in place of network_mode.", ["robot"])
+    networks: Networks | None = recreate("Networks to join, instead of network_mode.", ["robot"])
     oom_kill_disable: bool | None = recreate(
         "The kernel does not kill its processes when memory is short (cgroup v1).", True, unset="false"
     )
@@ -152,13 +153,13 @@ class ContainerOptions(Strict):
         "How soon the kernel kills it when memory is short: -1000 never, 1000 first.", -500, unset="0"
     )
     pid: Annotated[str, check.PID] | None = recreate(
-        "Processes that it sees: host, service:NAME or container:NAME. A service that is named here is needed.", "host"
+        "Processes that it sees: host, service:NAME or container:NAME. A service here counts as needed.", "host"
     )
     pids_limit: Annotated[int, Field(ge=-1, le=1 << 40)] | None = live(
         "Most processes and threads; -1 is no limit.", 8192
     )
     platform: Annotated[str, check.PLATFORM] | None = recreate(
-        "Platform of the image, where it has several.", "linux/arm64", unset="the machine's"
+        "Platform of the image, if it has several.", "linux/arm64", unset="the machine's"
     )
     ports: list[PortForm] | None = recreate(
         "Ports to publish on the host: HOST:CONTAINER, IP:HOST:CONTAINER, with /udp for UDP, or a mapping. Not under "
@@ -166,7 +167,7 @@ class ContainerOptions(Strict):
         ["8080:80"],
     )
     privileged: bool | None = recreate(
-        "All devices and all capabilities, which is as much as root on the host. `driver` gives what is needed.",
+        "All devices and all capabilities, equal to root on the host. `driver` gives only what is needed.",
         True,
         unset="false",
     )
@@ -191,9 +192,7 @@ class ContainerOptions(Strict):
     )
     shm_size: Bytes | None = recreate("Size of /dev/shm.", "256Mi", unset="64Mi")
     stdin_open: bool | None = recreate("Keeps standard input open.", True, unset="false")
-    stop_grace_period: Duration | None = recreate(
-        "Time to end after the stop signal, before it is killed.", "10s", unset="10s"
-    )
+    stop_grace_period: Duration | None = recreate("Time between the stop signal and the kill.", "10s", unset="10s")
     stop_signal: Signal | None = recreate("The signal that stops it.", "SIGINT", unset="the image's, else SIGTERM")
     storage_opt: Pairs | None = recreate("Options of the engine's storage driver.", {"size": "20G"})
     sysctls: Annotated[Pairs, check.SYSCTLS] | None = recreate(
@@ -208,12 +207,12 @@ class ContainerOptions(Strict):
         {"nofile": 65536, "core": {"soft": 0, "hard": 0}},
     )
     user: Annotated[Text, check.USER] | None = recreate(
-        "Who runs it inside: NAME, UID or UID:GID.", "1000:1000", unset="the image's"
+        "The user inside the container: NAME, UID or UID:GID.", "1000:1000", unset="the image's"
     )
     userns_mode: Annotated[str, check.HOST_ONLY] | None = recreate("The user namespace: host.", "host")
     uts: Annotated[str, check.HOST_ONLY] | None = recreate("The host name's namespace: host.", "host")
     volume_driver: Annotated[str, check.VOLUME_DRIVER] | None = recreate(
-        "Driver of volumes that are made for it.", "local", unset="local"
+        "Driver of volumes that are created for it.", "local", unset="local"
     )
     volumes: list[Volume] | None = recreate(
         "Files, directories and volumes inside the container: SOURCE:TARGET, SOURCE:TARGET:ro, or a mapping. Sources "
@@ -221,13 +220,13 @@ class ContainerOptions(Strict):
         ["./navigation:/root/navigation:ro", "maps:/root/maps"],
     )
     volumes_from: list[Annotated[str, check.VOLUMES_FROM]] | None = recreate(
-        "Whose volumes it has too: NAME or NAME:ro of a service, which it then needs, or container:NAME.",
+        "Containers whose volumes it also has: NAME or NAME:ro of a service, which it then needs, or container:NAME.",
         ["recorder:ro"],
     )
     working_dir: Annotated[str, check.WORKING_DIR] | None = recreate(
-        "Directory that the command runs in. On the process engine ./dir and ../dir are beside the manifest.",
+        "Directory that the command runs in. On the process engine, ./dir and ../dir are relative to the manifest.",
         "/root/navigation",
-        unset="the image's; on the process engine the manifest's",
+        unset="the image's; on the process engine, the manifest's directory",
     )
 
 
@@ -251,4 +250,4 @@ ELSEWHERE = {
     "nano_cpus": "cpus",
     "memory": "mem_limit",
 }
-"""Where users of Compose or of the engine's API will look for an option that is not in this section."""
+"""Where to find options that users of Compose or of the engine's API may look for in this section."""

@@ -1,4 +1,4 @@
-"""Files that options of a container name, and whose content is what counts: variables, and profiles of seccomp."""
+"""Files that a manifest names and whose content is what counts: variables, seccomp profiles, ROS parameters."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import errno
 import json
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -15,23 +15,26 @@ from rorg.manifest.documents import Source
 from rorg.manifest.dotenv import read_dotenv, values_of
 from rorg.manifest.files import read_plain, read_text
 from rorg.manifest.long_forms import EnvFile, read_env_files
+from rorg.manifest.ros import FILE as PARAMETER_FILE
+from rorg.manifest.ros import Ros, file_of, sendable
 from rorg.manifest.together import Clash
 from rorg.manifest.variables import FILE
 from rorg.model.diagnostics import Diagnostic, Where
+from rorg.model.ros import RosParameters
 
 NO_FILES = ("unconfined", "builtin")
-"""Profiles of seccomp that the engine has."""
+"""Built-in seccomp profiles of the engine."""
 
 
 def seccomp_file(value: str) -> str:
-    """The file that a value of security_opt names; empty for what names none."""
+    """The file that a value of security_opt names; empty if it names none."""
     found = re.fullmatch(r"seccomp[=:](.+)", value, re.DOTALL)
     return found[1] if found and found[1] not in NO_FILES else ""
 
 
 def seccomp_sent(source: Source, values: list[str], found: list[Clash]) -> list[str]:
-    """A profile of seccomp is sent, not named: the engine may be on another machine, and what it says is what counts
-    for the digest."""
+    """Replaces names of seccomp profiles by their content: the engine may be on another machine, and the digest must
+    depend on the content."""
     sent = []
     for index, value in enumerate(values):
         if name := seccomp_file(value):
@@ -49,8 +52,8 @@ def seccomp_sent(source: Source, values: list[str], found: list[Clash]) -> list[
 def env_files(
     source: Source, options: Mapping[str, Any], found: list[Clash], diagnostics: list[Diagnostic]
 ) -> dict[str, str]:
-    """The variables of all files that `env_file` names; those of a later one win. What is wrong with the option goes to
-    `found`, what is wrong in a file to `diagnostics`."""
+    """Returns the variables of all files in `env_file`; later files win. Errors in the option go to `found`, errors in
+    a file to `diagnostics`."""
     variables: dict[str, str] = {}
     for index, file in enumerate(read_env_files(options["env_file"])):
         try:
@@ -69,8 +72,8 @@ def env_files(
 def variables_of(
     source: Source, file: EnvFile, before: Mapping[str, str] = MappingProxyType({})
 ) -> tuple[dict[str, str], list[Diagnostic]]:
-    """Those of one file, and what is wrong in it. Its values may name variables of the tree's robot.env, and those of
-    files `before` it and of lines before, which is Compose's order. Raises OSError for one that cannot be read."""
+    """Returns the variables of one file, and what is wrong in it. As in Compose, values may use variables of the tree's
+    robot.env, of files `before` it and of earlier lines. Raises OSError if the file cannot be read."""
     text = read_plain(source.directory / file.path, source.root)
     if file.format == "raw":
         lines = (line for line in text.splitlines() if "=" in line and not line.lstrip().startswith("#"))
@@ -89,3 +92,29 @@ def variables_of(
             remedy = f"{name}=value in {FILE}, or single quotes for a dollar sign of its own"
             told.append(Diagnostic(where, message, remedy, "warning"))
     return values_of(entries), told
+
+
+def parameter_files(source: Source) -> Iterator[Path]:
+    """All files that the parameters of a Service are read from."""
+    ros: Ros | None = source.spec.ros
+    for value in ros.parameters.values() if ros else ():
+        if path := file_of(value):
+            yield source.directory / path
+
+
+def parameters_of(source: Source, master: str, found: list[Diagnostic]) -> RosParameters | None:
+    """Returns the parameters with the contents of files. `master` is the URI of the service's ROS master; errors go to
+    `found`."""
+    ros: Ros | None = source.spec.ros
+    if ros is None or not ros.parameters:
+        return None
+    values = {}
+    for name, value in ros.parameters.items():
+        path = file_of(value)
+        try:
+            values[name] = sendable(read_plain(source.directory / path, source.root)) if path else value
+        except (OSError, ValueError) as error:
+            why = getattr(error, "strerror", None) or str(error)
+            where = source.where("spec", "ros", "parameters", name, PARAMETER_FILE)
+            found.append(Diagnostic(where, f"'{path}', the value of {name}: {why}", "creating or fixing it"))
+    return RosParameters(master, values)

@@ -1,12 +1,12 @@
-"""Which images a Dockerfile uses, and the same file with other references.
+"""Finds the images that a Dockerfile uses, and rewrites their references.
 
-A reference is used by `FROM`, by `COPY --from` and by `RUN --mount=...,from=`. Docker fills in variables in FROM only,
-and there only those of ARG lines before the first FROM (and the platform's): ARG and ENV within a stage do not matter
-here, and a variable in the other two places is refused by Docker and by `read`. What ONBUILD says is used by builds of
-other images, not by this one. ADD has no `--from`. A mistake that changes no reference is left to Docker to refuse.
+`FROM`, `COPY --from` and `RUN --mount=...,from=` use references. Docker fills in variables only in FROM, and only those
+of the platform and of ARG lines before the first FROM. ARG and ENV inside a stage therefore do not matter here; Docker
+and `read` refuse variables in the other two places. ONBUILD affects builds of other images, not this one. ADD has no
+`--from`. Mistakes that change no reference are left for Docker to refuse.
 
-Where versions of Docker differ, the current BuildKit is followed: an ARG that is declared again without a value keeps
-the one it has (20.10 empties it), and COPY finds later stages too (Docker's first builder takes them for images).
+If versions of Docker differ, this file follows the current BuildKit: an ARG that is declared again without a value
+keeps its value (20.10 empties it), and COPY also finds later stages (Docker's first builder takes them for images).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ __all__ = ["Dockerfile", "DockerfileError", "Use", "read", "rewritten"]
 MACHINE = "linux/amd64"
 NO_IMAGE = "scratch"
 CLASSIC_FLAGS = {"RUN": set[str](), "COPY": {"--from", "--chown"}, "ADD": {"--chown"}}
-"""What Docker's first builder knows; every other flag of these instructions needs BuildKit."""
+"""Flags that Docker's first builder knows; every other flag of these instructions needs BuildKit."""
 STAGE_NAME = re.compile(r"[a-z][a-z0-9\-_.]*")
 INDEX = re.compile(r"[+-]?[0-9]{1,18}")
 ARCHITECTURES = {"x86_64": "amd64", "x86-64": "amd64", "aarch64": "arm64", "i386": "386", "armhf": "arm"}
@@ -32,31 +32,31 @@ ARCHITECTURES = {"x86_64": "amd64", "x86-64": "amd64", "aarch64": "arm64", "i386
 
 @dataclass(frozen=True, slots=True)
 class Use:
-    """One place that names an image: no stage of the file, and not scratch."""
+    """One place that names an image, neither a stage of the file nor scratch."""
 
     reference: str
-    """Build arguments filled in."""
+    """With build arguments filled in."""
     by: str
     """FROM, COPY or RUN."""
     line: int
-    """From 1: where the reference stands."""
+    """Line of the reference, from 1."""
     places: tuple[int, int] = field(default=(0, 0), compare=False)
-    """Where its text begins in the file and where it ends, in characters."""
+    """Start and end of its text in the file, in characters."""
     quotes: str = field(default="", compare=False)
-    """What must follow another text in its place, so that quotes which it begins or ends stay pairs."""
+    """Quotes that must follow a replacement, so that quotes which begin or end inside the reference stay paired."""
 
 
 @dataclass(frozen=True, slots=True)
 class Dockerfile:
-    """What a file says about images and stages."""
+    """The images and stages of a file."""
 
     uses: tuple[Use, ...]
     """In order of appearance."""
     stages: tuple[str, ...]
-    """Names as written, "" for a nameless one: those that are built."""
+    """Names of the stages that are built, as written; "" for a nameless one."""
     buildkit: bool
-    """Docker's first builder cannot build it as it is meant: it has flags of BuildKit (RUN --mount, COPY --link),
-    heredocs, a `# syntax=` line, platform arguments in FROM, or copies from a later stage."""
+    """Docker's first builder cannot build it correctly: it has BuildKit flags (RUN --mount, COPY --link), heredocs, a
+    `# syntax=` line, platform arguments in FROM, or copies from a later stage."""
     arguments: frozenset[str] = frozenset()
     """Names of its ARG lines."""
 
@@ -68,16 +68,19 @@ class _Stage:
     platform: Token | None
     line: int
     sources: list[tuple[str, Token]]
-    """What COPY and RUN name: by whom, and the text."""
+    """(COPY or RUN, text) of each source that they name."""
 
 
 def read(
     text: str, args: Mapping[str, str], target: str = "", platform: str = "", machine: str = MACHINE
 ) -> Dockerfile:
-    """Of the stages up to the target, all are kept, also those that it does not need: Docker's first builder builds
-    them all. Stages after it are dropped, unless one before copies from them. `platform` is what the image is for
-    (os/architecture[/variant]), the machine's own if empty. Raises DockerfileError where Docker would refuse the file
-    before it knows the images."""
+    """Reads a Dockerfile.
+
+    Keeps all stages up to the target, even those it does not need, because Docker's first builder builds them all.
+    Drops later stages unless an earlier one copies from them. `platform` is the platform of the image
+    (os/architecture[/variant]); empty means that of the machine. Raises DockerfileError if Docker would refuse the file
+    before it looks at any image.
+    """
     return _Reading(script(text), text, args, target, platform or machine, machine).result()
 
 
@@ -89,8 +92,7 @@ def rewritten(
     platform: str = "",
     machine: str = MACHINE,
 ) -> str:
-    """The same file in which each use whose reference is a key names the value instead; every other character stays.
-    Raises DockerfileError."""
+    """Replaces the references that are keys of `replacements`; every other character stays. Raises DockerfileError."""
     pieces, at = [], 0
     for use in read(text, args, target, platform, machine).uses:
         if use.reference in replacements:
@@ -190,8 +192,8 @@ class _Reading:
         return filled
 
     def _source(self, by: str, token: Token, at: int, seen: Mapping[str, int]) -> int | None:
-        """The stage that COPY or RUN names, -1 for scratch, None for an image. A later stage is known to BuildKit
-        only; to copy from itself is known to none. RUN knows no numbers."""
+        """The index of the stage that COPY or RUN names, -1 for scratch, None for an image. Only BuildKit knows later
+        stages; no builder lets a stage copy from itself. RUN does not accept numbers."""
         if re.search(r"\$.", token.text):
             why = f"{by} takes no variable in {token.text}: Docker fills in those of FROM only"
             raise self._error(f"{why}; name a stage by FROM {token.text} AS NAME", token)
@@ -238,7 +240,7 @@ def _flag(flag: Token) -> tuple[str, Token]:
 
 
 def _sources(instruction: Instruction) -> Iterator[Token]:
-    """What its flags name as stages or images."""
+    """The stages or images that its flags name."""
     for key, value in map(_flag, instruction.flags):
         if instruction.name == "COPY" and key == "--from" and value.text:
             yield value
@@ -248,7 +250,7 @@ def _sources(instruction: Instruction) -> Iterator[Token]:
 
 
 def _fields(mount: Token) -> Iterator[tuple[str, Token]]:
-    """key=value,key=value"""
+    """Splits key=value,key=value."""
     for match in re.finditer("[^,]+", mount.text):
         key, value = mount.part(*match.span()).cut("=")
         yield key.text.lower(), value
@@ -260,7 +262,7 @@ def _of_buildkit(instruction: Instruction) -> bool:
 
 
 def _quoted_words(text: str, escape: str) -> Sequence[str]:
-    """Words with their quotes and escapes: a space within quotes, or after an escape, ends none."""
+    """Words with their quotes and escapes; a quoted or escaped space does not end a word."""
     sign = re.escape(escape)
     single, double = "'[^']*'?", rf'"(?:{sign}.|[^"{sign}])*"?'
     return re.findall(rf"""(?:{sign}.|{single}|{double}|[^\s'"{sign}]|{sign}$)+""", text)

@@ -1,7 +1,7 @@
-"""Instructions of a Dockerfile: its lines put together as Docker does it, each character with its place in the file.
+"""Instructions of a Dockerfile, with the position of each character in the file.
 
-Docker's own parser tells lines only, and the library dockerfile-parse knows neither heredocs nor variables with
-defaults: to change one word and nothing else, we need the place of each.
+Rewriting one word and nothing else needs the position of each. Docker's own parser reports only lines, and the library
+dockerfile-parse supports neither heredocs nor variables with defaults.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ DIRECTIVES = {"escape", "syntax", "check"}
 WITH_HEREDOCS = {"RUN", "COPY", "ADD"}
 BOM = "\ufeff"
 WORD = re.compile(r"[^\t\v\f\r ]*")
-"""Fewer characters end the words of instructions and of FROM than those of shells."""
+"""Words of instructions and of FROM end at fewer characters than words of shells."""
 MOST = 300
 """Characters of a message."""
 HEREDOC = re.compile(r"[0-9]*<<(-?)([^<]*)")
 
 
 class DockerfileError(ValueError):
-    """Docker would refuse the file; the message says why."""
+    """Docker would refuse the file; the message has the reason."""
 
     def __init__(self, message: str, line: int) -> None:
         super().__init__(message if len(message) <= MOST else f"{message[:MOST]}...")
@@ -37,9 +37,9 @@ class Token:
 
     text: str
     places: Sequence[int]
-    """Of each character: where it stands in the file."""
+    """Position of each character in the file."""
     quotes: Sequence[str] = ()
-    """Of each character, where quotes are taken off: the one that it stood in, or ""."""
+    """The quote around each character if quotes were removed, else ""."""
 
     def part(self, start: int, end: int | None = None) -> Token:
         return Token(self.text[start:end], self.places[start:end], self.quotes[start:end])
@@ -49,32 +49,32 @@ class Token:
         return self.part(start, max(start, len(self.text.rstrip(SPACES))))
 
     def cut(self, separator: str) -> tuple[Token, Token]:
-        """What stands before the separator and what after it."""
+        """The parts before and after the separator."""
         at = self.text.find(separator)
         return (self, self.part(len(self.text))) if at < 0 else (self.part(0, at), self.part(at + len(separator)))
 
 
 @dataclass(frozen=True, slots=True)
 class Instruction:
-    """One that says something, with its continued lines; of its heredocs, only that there are some."""
+    """One instruction with its continuation lines, but without the content of its heredocs."""
 
     name: str
     """In upper case."""
     flags: Sequence[Token]
-    """As written, without quotes: "--from=x"."""
+    """Without quotes: "--from=x"."""
     arguments: Token
     line: int
-    """From 1: of its name."""
+    """Line of its name, from 1."""
     heredocs: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class Script:
-    """A file before anybody asks what it means."""
+    """A file split into instructions, which are not interpreted yet."""
 
     escape: str
     syntax: bool
-    """It has a `# syntax=` line."""
+    """Whether it has a `# syntax=` line."""
     instructions: Sequence[Instruction]
 
 
@@ -85,7 +85,7 @@ class _Line:
 
     @property
     def says_nothing(self) -> bool:
-        """It is blank or a comment: both may also stand between a line and what continues it."""
+        """Whether it is blank or a comment; both may also be between a line and its continuation."""
         return self.text.text.lstrip(SPACES)[:1] in ("", "#")
 
 
@@ -97,7 +97,7 @@ def script(text: str) -> Script:
 
 
 def _lines(text: str) -> Iterator[_Line]:
-    """A line ends with a line feed only; carriage returns before it belong to the end."""
+    """Splits at line feeds only, and drops carriage returns before them."""
     at = len(BOM) if text.startswith(BOM) else 0
     for number, line in enumerate(text[at:].split("\n"), 1):
         kept = line.rstrip("\r")
@@ -106,7 +106,7 @@ def _lines(text: str) -> Iterator[_Line]:
 
 
 def _directives(lines: Sequence[_Line]) -> tuple[str, bool]:
-    """The escape character, and whether there is a syntax line. They end with the first line that is none."""
+    """Returns the escape character, and whether there is a syntax line. Directives end at the first other line."""
     found: dict[str, str] = {}
     for line in lines:
         text = line.text.text.lstrip(SPACES)
@@ -139,7 +139,8 @@ def _instructions(rest: Iterator[_Line], escape: str) -> Iterator[Instruction]:
 
 
 def _continued(line: _Line, rest: Iterator[_Line], escape: str) -> Token:
-    """The line with those that continue it: it ends with the escape character, spaces and tabs after it aside."""
+    """Joins a line with its continuations: a line continues if it ends with the escape character, not counting spaces
+    and tabs after it."""
     texts: list[str] = []
     places: list[int] = []
     current: _Line | None = line
@@ -154,15 +155,15 @@ def _continued(line: _Line, rest: Iterator[_Line], escape: str) -> Token:
 
 
 def _first_word(whole: Token) -> tuple[str, Token]:
-    """In upper case, and what follows it."""
+    """Returns the first word in upper case, and the rest."""
     match = WORD.match(whole.text)
     end = match.end() if match else 0
     return whole.text[:end].upper(), whole.part(end).stripped()
 
 
 def _flags(arguments: Token) -> tuple[list[Token], Token]:
-    """The words at the beginning that start with "--", and what follows them. Their quotes are taken off; \\ escapes
-    in them whatever the file's escape character is."""
+    """Returns the leading words that start with "--", without quotes, and the rest. In them, \\ always escapes, even if
+    the file has another escape character."""
     found: list[Token] = []
     text, at = arguments.text, 0
     while text.startswith("--", at):
@@ -186,8 +187,8 @@ def _flags(arguments: Token) -> tuple[list[Token], Token]:
 
 
 def _heredocs(text: str) -> list[tuple[str, bool]]:
-    """The last lines of the heredocs that an instruction begins, in their order, and whether tabs before it are left
-    out. "<<" counts only at the start of a word with a name at its end: not in quotes, not in "1<<2", not alone."""
+    """Returns, in order, the end line of each heredoc of an instruction, and whether tabs before it are ignored. "<<"
+    counts only at the start of a word with a name after it: not in quotes, not in "1<<2", not alone."""
     try:
         words = Lexer(text, {}, raw=True, keep=True).words()
         matches = [match for word in words if (match := HEREDOC.fullmatch(word))]

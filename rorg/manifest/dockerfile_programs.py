@@ -1,13 +1,13 @@
-"""What a container of an image begins with, as its Dockerfile says it: ENTRYPOINT and CMD of its last stage, or of what
-that stands on (Dockerfile reference, "Understand how CMD and ENTRYPOINT interact")."""
+"""ENTRYPOINT and CMD of a Dockerfile's last stage, or of its base (Dockerfile reference, "Understand how CMD and
+ENTRYPOINT interact")."""
 
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
-from rorg.manifest.dockerfile_lines import DockerfileError, Instruction, script
+from rorg.manifest.dockerfile_lines import DockerfileError, script
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,7 +21,7 @@ class Program:
 
     @property
     def by_shell(self) -> bool:
-        """It is no list of words, so `/bin/sh -c` runs it."""
+        """Whether `/bin/sh -c` runs it, because it is not a JSON list of words."""
         try:
             return not isinstance(json.loads(self.text), list)
         except (ValueError, RecursionError):
@@ -30,15 +30,15 @@ class Program:
 
 @dataclass(frozen=True, slots=True)
 class Programs:
-    """Of one image, as far as its own file says them."""
+    """The programs of one image, as far as its own file declares them."""
 
     entrypoint: Program | None = None
     command: Program | None = None
     base_line: int = 0
-    """From 1: the FROM of what it stands on; 0 where nothing of that counts any more."""
+    """Line of the FROM of its base, from 1; 0 if the base no longer matters."""
 
     def on(self, base: Programs) -> Programs:
-        """With what its base says: that of its entry point, and of its command unless it has an entry point itself."""
+        """Adds the entry point of its base, and the base's command unless it has an entry point itself."""
         if self.entrypoint:
             return self
         return Programs(base.entrypoint, self.command or base.command, base.base_line)
@@ -46,7 +46,8 @@ class Programs:
 
 @lru_cache(maxsize=512)
 def programs_of(text: str, target: str = "") -> Programs:
-    """Of the stage that is built: the target, or the last one. Nothing of a file that Docker would refuse."""
+    """The programs of the stage that is built: the target, or the last one. Empty for a file that Docker would
+    refuse."""
     try:
         instructions = script(text).instructions
     except DockerfileError:
@@ -59,19 +60,17 @@ def programs_of(text: str, target: str = "") -> Programs:
             stages.append((name, words[0].lower(), Programs(base_line=instruction.line)))
         elif instruction.name in ("ENTRYPOINT", "CMD") and stages:
             name, base, found = stages[-1]
-            stages[-1] = name, base, _with(found, instruction)
+            said = Program(instruction.name, instruction.arguments.text.strip(), instruction.line)
+            if instruction.name == "ENTRYPOINT":
+                found = Programs(said, found.command)
+            else:
+                found = replace(found, command=said)
+            stages[-1] = name, base, found
     return _whole(stages, target.lower())
 
 
-def _with(found: Programs, instruction: Instruction) -> Programs:
-    said = Program(instruction.name, instruction.arguments.text.strip(), instruction.line)
-    entrypoint = said if said.instruction == "ENTRYPOINT" else found.entrypoint
-    command = said if said.instruction == "CMD" else found.command
-    return Programs(entrypoint, command, 0 if entrypoint else found.base_line)
-
-
 def _whole(stages: list[tuple[str, str, Programs]], target: str) -> Programs:
-    """Of a stage with those before it that it stands on."""
+    """Resolves a stage with the earlier stages that it is based on."""
     known: dict[str, Programs] = {}
     found = Programs()
     for name, base, own in stages:

@@ -1,7 +1,7 @@
-"""Words of a Dockerfile as Docker fills them in: variables, quotes and escapes.
+"""Words of a Dockerfile as Docker expands them: variables, quotes and escapes.
 
-The rules are those of Docker's own word lexer (its documentation: "environment replacement"), which resembles a shell
-and is none: `${name^^}` and commands in `$(...)` do not exist.
+The rules are those of Docker's own word lexer (its documentation: "environment replacement"). It resembles a shell but
+is not one: `${name^^}` and commands in `$(...)` do not exist.
 """
 
 from __future__ import annotations
@@ -11,22 +11,22 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 SPACES = "\t\n\v\f\r \x85\xa0\u1680" + "".join(map(chr, range(0x2000, 0x200B))) + "\u2028\u2029\u202f\u205f\u3000"
-"""What Docker takes for white space."""
+"""Characters that Docker counts as white space."""
 DEPTH = 50
-"""Variables within variables' defaults; more is refused."""
+"""Maximum nesting of variables in defaults."""
 MOST = 65535
 """Characters that values may add to one text; no reference is that long."""
 MOST_OF_A_PATTERN = 1000
-"""Characters of a value that is matched against a pattern."""
+"""Characters of a pattern, and of a value that is matched against it."""
 NAME = re.compile(r"[0-9]+|[@*#?\-$!]|[^\W\d]\w*")
 Pieces = list[tuple[str, bool]]
-"""Text, and whether words end at its spaces."""
+"""(text, whether its spaces end words)."""
 Pattern = list[tuple[bool, str]]
-"""Characters, and whether each is a wildcard."""
+"""(whether it is a wildcard, character)."""
 
 
 class BadWord(ValueError):
-    """It cannot be filled in; the message says why."""
+    """The text cannot be expanded; the message has the reason."""
 
 
 @dataclass(slots=True)
@@ -37,22 +37,22 @@ class Lexer:
     values: Mapping[str, str]
     escape: str = "\\"
     raw: bool = False
-    """Quotes and escapes stay."""
+    """Keep quotes and escapes."""
     keep: bool = False
-    """Variables without a value stay."""
+    """Keep variables that have no value."""
     used: set[str] = field(default_factory=set)
-    """Names of the variables that were met."""
+    """Names of all variables in the text."""
     _at: int = 0
     _depth: int = 0
     _filled: int = 0
     _raw_escapes: bool = False
 
     def filled(self) -> str:
-        """The text with every variable filled in; one without a value is empty."""
+        """Returns the text with all variables filled in; unset ones are empty."""
         return _joined(self._until("", self.raw))
 
     def words(self) -> list[str]:
-        """The same, split at spaces outside quotes."""
+        """Like filled(), but split at spaces outside quotes."""
         found: list[list[str]] = [[]]
         for text, splits in self._until("", self.raw):
             for char in text if splits else [text]:
@@ -144,7 +144,7 @@ class Lexer:
         return value
 
     def _braced(self, name: str) -> str:
-        """What follows the name in ${name...}, applied to its value."""
+        """Applies the operator after the name in ${name...} to its value."""
         value = self.values.get(name)
         sign = self._next()
         if not name or not sign:
@@ -170,7 +170,7 @@ class Lexer:
         return _trimmed(sign, word, value or "")
 
     def _replaced(self, value: str) -> str:
-        """${name/pattern/text} once, ${name//pattern/text} everywhere."""
+        """Expands ${name/pattern/text}, which replaces once, and ${name//pattern/text}, which replaces everywhere."""
         everywhere = self._peek() == "/"
         if everywhere:
             self._next()
@@ -194,7 +194,7 @@ def _joined(pieces: Pieces) -> str:
 
 
 def _trimmed(sign: str, word: str, value: str) -> str:
-    """${name#pattern} and ${name%pattern}; twice the sign takes away as much as it can."""
+    """Expands ${name#pattern} and ${name%pattern}; a double sign removes the longest match."""
     pattern = _pattern(word.removeprefix(sign), value)
     most = word.startswith(sign)
     if sign == "#":
@@ -205,7 +205,7 @@ def _trimmed(sign: str, word: str, value: str) -> str:
 
 
 def _pattern(word: str, value: str) -> Pattern:
-    """Raises BadWord, also when it or the value is longer than anybody needs."""
+    """Raises BadWord for a bad pattern, and if the pattern or the value is too long."""
     if max(len(word), len(value)) > MOST_OF_A_PATTERN:
         raise BadWord(f"a pattern, or its value, has more than {MOST_OF_A_PATTERN} characters")
 
@@ -222,8 +222,8 @@ def _pattern(word: str, value: str) -> Pattern:
 
 
 def _ends(pattern: Pattern, text: str, start: int) -> set[int]:
-    """Where the pattern may end in the text when it begins at `start`: one pass for each of its characters, so that no
-    pattern takes long."""
+    """All positions where a match that begins at `start` may end. One pass per character of the pattern keeps the time
+    bounded for every pattern."""
     ends = {start}
     for wild, char in pattern:
         if wild and char == "*":

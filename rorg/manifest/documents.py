@@ -1,4 +1,5 @@
-"""From files to checked documents: reading a tree, what is laid over it, its variables, and the envelopes."""
+"""From files to checked documents: reads a tree, merges the overlay of a robot, fills in variables, checks the
+envelopes."""
 
 from __future__ import annotations
 
@@ -23,13 +24,13 @@ UNEXPECTED = "cannot be understood"
 
 
 def unexpected(where: Where, bug: Exception) -> Diagnostic:
-    """For what nobody thought of: whatever a file says, the robot goes on with what it said before."""
+    """Reports an unexpected error in a file as its mistake, so that the robot keeps its last good manifests."""
     return Diagnostic(where, f"{UNEXPECTED} ({type(bug).__name__}: {str(bug)[:200]})", "reporting this")
 
 
 @dataclass(frozen=True)
 class Source:
-    """One manifest that is right by itself: its document for positions, its spec for content."""
+    """One manifest that is valid on its own: its document for positions, its spec for content."""
 
     document: Document
     kind: str
@@ -42,20 +43,20 @@ class Source:
     root: Path
     """The directory of the tree that it is in."""
     variables: Variables = field(default=NONE, compare=False)
-    """Those of the tree."""
+    """The variables of the tree."""
 
     def where(self, *path: str | int, key: bool = False) -> Where:
         return self.document.where(path, key)
 
     @cached_property
     def directory(self) -> Path:
-        """What its relative paths begin from."""
+        """The directory that its relative paths start from."""
         return beside(self.path, self.root)
 
 
 def beside(path: Path, root: Path) -> Path:
-    """The directory that a manifest lies in: of a link the one of the file that it leads to. That lies in the tree:
-    one that leads out of it is not read."""
+    """The directory of a manifest; for a link, the directory of its target. The target is in the tree, because links
+    that lead out of it are not read."""
     if not os.path.islink(path):
         return path.parent
     inner = os.path.relpath(os.path.realpath(path), os.path.realpath(root))
@@ -63,38 +64,36 @@ def beside(path: Path, root: Path) -> Path:
 
 
 def manifest_files(root: Path) -> list[Path]:
-    """Manifests of a tree's base, or of an overlay: root/*.yaml and root/KINDS/*.yaml. What lies deeper configures
-    services."""
+    """Manifests of the base or of an overlay: root/*.yaml and root/KINDS/*.yaml. Deeper files configure services."""
     found = [p for f in manifest_folders(root) if os.path.isdir(f) for p in f.iterdir()]
-    # A link that leads nowhere counts: what cannot be read is a mistake, not a service that nobody declares any more.
+    # A dead link counts: an unreadable file is a mistake, not a removed service.
     return sorted(p for p in found if p.suffix in (".yaml", ".yml") and not os.path.isdir(p))
 
 
 def manifest_folders(root: Path) -> list[Path]:
-    """Where they may be."""
+    """The folders that may hold manifests."""
     return [root] + [root / folder for folder in FOLDERS]
 
 
 def overlay_files(root: Path, robot: str) -> list[Path]:
-    """Manifests of what a tree has for one robot; none for the base alone."""
+    """Manifests of the overlay for one robot; none for the base alone."""
     return manifest_files(root / FOLDER / robot) if robot else []
 
 
 def tree_files(root: Path, robot: str) -> list[Path]:
-    """All that a tree is declared by: its manifests, what is laid over them for a robot, and the files of variables
-    that are there."""
+    """All files that declare a tree: manifests, the overlay of a robot, and existing files of variables."""
     variables = [path for path in variable_files(root, robot) if os.path.lexists(path)]
     return [*manifest_files(root), *overlay_files(root, robot), *variables]
 
 
 def stray_files(root: Path) -> list[Path]:
-    """YAML in a folder of the tree's top level that is not read."""
+    """YAML files in top-level folders that are not read."""
     folders = sorted(p for p in root.iterdir() if os.path.isdir(p) and p.name not in FOLDERS and p.name[0] != ".")
     return [path for folder in folders for path in sorted(folder.glob("*.y*ml"))]
 
 
 def stray_manifests(root: Path) -> list[Diagnostic]:
-    """Manifests among that: most likely the folder is misspelt."""
+    """Reports manifests among the stray files: most likely the folder is misspelt."""
     strays = []
     for path in stray_files(root):
         if _is_manifest(path, root):
@@ -104,7 +103,7 @@ def stray_manifests(root: Path) -> list[Diagnostic]:
 
 
 def holds_manifests(root: Path) -> bool:
-    """Whether a directory is a tree of manifests, rather than one with other files."""
+    """Whether a directory is a tree of manifests."""
     return any(_is_manifest(path, root) for path in manifest_files(root))
 
 
@@ -117,9 +116,12 @@ def _is_manifest(path: Path, root: Path) -> bool:
 def read_tree(
     root: Path, edits: Mapping[Path, str | None] | None = None, robot: str = ""
 ) -> tuple[list[Source], list[Diagnostic], set[str]]:
-    """All manifests below `root`, with those of a robot laid over them; all that is wrong with each by itself, and the
-    names of the broken ones, so that nobody is told that a service is unknown whose manifest only has a typo. `edits`
-    holds files as they would be; None for one that would be gone. Raises OSError for an unreadable tree."""
+    """Reads all manifests below `root`, with a robot's overlay merged in.
+
+    Returns them with everything that is wrong with each one, and the names of the broken ones, so that a typo in
+    one manifest is not reported as an unknown service elsewhere. `edits` maps paths to new content, or to None for
+    deleted files. Raises OSError for an unreadable tree.
+    """
     edits = edits or {}
     files = dict.fromkeys([*manifest_files(root), *edits])
     base, unread = _written([path for path in files if path not in edits or edits[path] is not None], root, edits)
@@ -147,7 +149,7 @@ def read_tree(
 def _written(
     paths: Iterable[Path], root: Path, edits: Mapping[Path, str | None]
 ) -> tuple[list[Written], list[Diagnostic]]:
-    """The files as YAML, and which cannot be read at all."""
+    """Reads files as YAML, and reports unreadable ones."""
     found, diagnostics = [], []
     for path in paths:
         try:
@@ -165,7 +167,7 @@ def _written(
 
 
 def _misplaced(source: Source, tops: Collection[Path]) -> list[Diagnostic]:
-    """A manifest in a folder of another kind."""
+    """Reports a manifest in the folder of another kind."""
     folder = source.path.parent
     if source.path.parent in tops or FOLDERS.get(folder.name, source.kind) == source.kind:
         return []
@@ -176,12 +178,12 @@ def _misplaced(source: Source, tops: Collection[Path]) -> list[Diagnostic]:
 def read_source(
     text: str, path: Path, file: str, root: Path, variables: Variables = NONE
 ) -> tuple[Source | None, list[Diagnostic]]:
-    """One file's manifest, or None with the reasons; `variables` are those of the tree."""
+    """Reads one file's manifest; None with the reasons if it is invalid. `variables` are those of the tree."""
     return check_source(Written(path, text, *read_yaml(text, file, items=MAX_ITEMS)), root, variables)
 
 
 def check_source(written: Written, root: Path, variables: Variables = NONE) -> tuple[Source | None, list[Diagnostic]]:
-    """The same of what was read as YAML."""
+    """Checks one document."""
     if written.document is None:
         return None, list(written.found)
     document, unset = fill(written.document, variables)
@@ -190,7 +192,7 @@ def check_source(written: Written, root: Path, variables: Variables = NONE) -> t
 
 
 BESIDE = {"Trace": "`rorg simulate FILE` reads it", "Workload": "`rorg simulate TRACE --workload FILE` reads it"}
-"""Kinds of documents that stand beside a tree, and what they are for."""
+"""Kinds of documents outside a tree, and what reads them."""
 
 
 def _checked(
@@ -199,13 +201,13 @@ def _checked(
     if not isinstance(document.value, dict):
         message = "a manifest must be a mapping with apiVersion, kind, metadata, spec"
         return None, [*found, Diagnostic(document.where(()), message)]
-    told = {d.where for d in found}  # what cannot be read at all is not also of the wrong kind
+    told = {d.where for d in found}  # report one mistake at one place
     kind = document.value.get("kind")
     form = ENVELOPES.get(kind, Manifest) if isinstance(kind, str) else Manifest
     envelope, more = validated(form, document, document.value, ())
     found += [d for d in more if d.where not in told]
     if isinstance(kind, str) and kind in BESIDE:
-        message = f"a {kind} says nothing of what a robot is, and is no part of its tree"
+        message = f"a {kind} does not describe a robot and cannot be part of its tree"
         found.append(Diagnostic(document.where(("kind",)), message, f"moving it out: {BESIDE[kind]}"))
     elif isinstance(kind, str) and kind not in SPECS:
         found.append(Diagnostic(document.where(("kind",)), f"unknown kind '{kind}'", nearest(kind, SPECS)))

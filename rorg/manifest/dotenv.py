@@ -26,7 +26,7 @@ _ESCAPED = dict(zip('abfnrtv"\\$', '\a\b\f\n\r\t\v"\\', strict=False)) | {"$": "
 @dataclass(frozen=True, slots=True)
 class Entry:
     """One name with its value; `line` and `column` (from 1) are those of the name. `value` is None for a bare name that
-    `lookup` does not know. `unset`: variables of the value that became empty since nothing sets them."""
+    `lookup` does not know. `unset`: variables in the value that are empty because nothing sets them."""
 
     name: str
     value: str | None
@@ -38,7 +38,8 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class Mistake:
-    """What cannot be read, and where (line and column from 1). `variable`: the one that is required and not set."""
+    """A syntax error and its place (line and column from 1). `variable`: the missing one, if a required variable is not
+    set."""
 
     line: int
     column: int
@@ -50,8 +51,8 @@ class Mistake:
 def read_dotenv(
     text: str, lookup: Lookup, before: Mapping[str, str] = MappingProxyType({})
 ) -> tuple[list[Entry], list[Mistake]]:
-    """All entries in order, and all mistakes; reading goes on with the line after a mistake. `before`: what counts as
-    if lines before the first one said so."""
+    """Returns all entries in order, and all mistakes; reading continues in the line after a mistake. `before` counts as
+    lines before the first."""
     reader = _Reader(text.removeprefix("\ufeff"), lookup, before)
     while reader.to_statement():
         try:
@@ -63,7 +64,7 @@ def read_dotenv(
 
 
 def values_of(entries: list[Entry]) -> dict[str, str]:
-    """What holds in the end, without bare names that have no value."""
+    """Returns the final values, without bare names that have none."""
     return {entry.name: entry.value for entry in entries if entry.value is not None}
 
 
@@ -89,8 +90,7 @@ class _Reader:
         return len(self.text) if end < 0 else end
 
     def place(self, at: int) -> tuple[int, int]:
-        """Line and column of an offset. Places are asked for from the front to the end, so each line is counted once,
-        however many there are."""
+        """Line and column of an offset. Offsets are asked for in ascending order, so each line is counted only once."""
         if at >= self.seen:
             self.line += self.text.count("\n", self.seen, at)
             self.line_at = max(self.line_at, self.text.rfind("\n", self.seen, at) + 1)
@@ -104,7 +104,7 @@ class _Reader:
         return at
 
     def to_statement(self) -> bool:
-        """Over blanks, empty lines and comments; whether there is more."""
+        """Skips blanks, empty lines and comments; returns whether anything follows."""
         while self.at < len(self.text):
             if self.text[self.at].isspace():
                 self.at += 1
@@ -133,7 +133,7 @@ class _Reader:
             self.before[name] = value
 
     def name(self, begin: int) -> tuple[str, int]:
-        """With where it is over: at `=` or `:`, or the end of the line."""
+        """Returns a name and its end: at `=` or `:`, or the end of the line."""
         at = begin
         while at < len(self.text) and self.text[at] not in "=:\n":
             char = self.text[at]
@@ -145,9 +145,8 @@ class _Reader:
         if not name:
             raise self.wrong(begin, "no name before the value", "NAME=value")
         if any(blank in name for blank in _BLANKS):
-            raise self.wrong(
-                begin, f"a blank in the name '{name}'", "NAME=value, one on each line; or # before a comment"
-            )
+            remedy = "NAME=value, one on each line; or # before a comment"
+            raise self.wrong(begin, f"a blank in the name '{name}'", remedy)
         return name, at
 
     def value(self, begin: int) -> tuple[str, tuple[str, ...]]:
@@ -160,7 +159,7 @@ class _Reader:
         return self.filled(self.text[begin:end].partition(" #")[0].rstrip(), begin)
 
     def quoted(self, begin: int, quote: str) -> tuple[str, int]:
-        """What is within the quotes, with quotes that are escaped as such, and where it is over."""
+        """Returns the text between quotes, with escaped quotes resolved, and the end of it."""
         chars, at = [], begin + 1
         while at < len(self.text) and self.text[at] != quote:
             if self.text[at] == "\\" and at + 1 < len(self.text):
@@ -181,5 +180,5 @@ class _Reader:
 
 
 def _unescaped(value: str) -> str:
-    """Escapes resolved, but for `\\$`, which interpolation shall take for a dollar sign."""
+    """Resolves escapes except `\\$`, which interpolation must read as a dollar sign."""
     return _ESCAPE.sub(lambda m: _ESCAPED[m[1]] if m[1] in _ESCAPED else chr(int(m[1][1:] or "0", 8)), value)

@@ -1,4 +1,4 @@
-"""`driver` of a Service: its models, and what a container gets of them, which is the least that will do."""
+"""`driver` of a Service: its models, and the least privileges that its container needs for the hardware."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ REALTIME: dict[str, Any] = {
     "cap_add": ["SYS_NICE"],
     "ulimits": {"rtprio": {"soft": 99, "hard": 99}, "memlock": {"soft": -1, "hard": -1}},
 }
-"""What a control loop needs to run at a real-time priority with its memory locked."""
+"""Privileges of a control loop: a real-time priority and locked memory."""
 CLASSES: tuple[tuple[str, str, str, tuple[int, ...]], ...] = (
     ("input", "/dev/input/", "/dev/input", (13,)),
     ("sound", "/dev/snd/", "/dev/snd", (116,)),
@@ -29,12 +29,12 @@ CLASSES: tuple[tuple[str, str, str, tuple[int, ...]], ...] = (
     ("i2c-dev", "/dev/i2c-", "/dev", (89,)),
     ("spidev", "/dev/spidev", "/dev", (153,)),
 )
-"""(Subsystem, how paths begin, the directory of its nodes, its major numbers): those that Linux numbers for good, in
-Documentation/admin-guide/devices.txt."""
+"""(Subsystem, prefix of paths, directory of its nodes, major numbers) of the classes to which Linux assigns fixed
+numbers, in Documentation/admin-guide/devices.txt."""
 
 
 def _number(value: object) -> object:
-    """0403 without quotes is another number in YAML."""
+    """Refuses 0403 without quotes, which is another number in YAML."""
     if isinstance(value, int) and not isinstance(value, bool):
         raise ValueError(f"{value} must be quoted: four hexadecimal digits, as lsusb shows them, such as '0403'")
     return value.lower() if isinstance(value, str) else value
@@ -45,10 +45,10 @@ Attribute = Annotated[Text, Field(min_length=1, max_length=255, pattern=r"^[^,()
 
 
 class Udev(Strict):
-    """What a device says of itself, whatever it is called: `udevadm info -a /dev/NAME` shows it."""
+    """Attributes of a device, independent of its name: `udevadm info -a /dev/NAME` shows them."""
 
     vendor: UsbId | None = field("Vendor id, of the USB or PCI device that it belongs to.", "0403")
-    product: UsbId | None = field("Product id, likewise.", "6001")
+    product: UsbId | None = field("Product id, of the USB or PCI device that it belongs to.", "6001")
     serial: Attribute | None = field("Serial number, to tell two of a kind apart.", "A9007Ux2")
     subsystem: Attribute | None = field("The class of its node.", "tty", unset="any")
 
@@ -63,22 +63,22 @@ DevicePath = Annotated[str, check.DEVICE]
 
 
 def _device(value: object) -> object:
-    """One text is a path; `source` is Compose's word for it."""
+    """Converts a text to a path; `source` is Compose's word for it."""
     if isinstance(value, dict) and "source" in value and "path" not in value:
         return {"path" if k == "source" else k: v for k, v in value.items()}
     return {"path": value} if isinstance(value, str) else value
 
 
 class DriverDevice(Strict):
-    """One device: by a path that stays, or by what it says of itself."""
+    """One device: by a stable path, or by its attributes."""
 
-    path: DevicePath | None = field("A name that stays.", "/dev/serial/by-id/usb-SICK_TiM551-if00")
-    udev: Udev | None = field("What it says of itself.", {"vendor": "0403", "product": "6001", "subsystem": "tty"})
+    path: DevicePath | None = field("A stable path.", "/dev/serial/by-id/usb-SICK_TiM551-if00")
+    udev: Udev | None = field("Attributes of the device.", {"vendor": "0403", "product": "6001", "subsystem": "tty"})
     target: Annotated[str, check.PATH] | None = field(
-        "What it is called in the container. Required with `udev`.", "/dev/sick", unset="as on the machine"
+        "Its path in the container. Required with `udev`.", "/dev/sick", unset="as on the machine"
     )
     permissions: Literal["r", "w", "m", "rw", "rm", "wm", "rwm"] | None = field(
-        "r to read, w to write, m to make its node.", "rw", unset="rwm"
+        "Allowed access: r to read, w to write, m to make the node.", "rw", unset="rwm"
     )
 
     @model_validator(mode="after")
@@ -90,7 +90,7 @@ class DriverDevice(Strict):
         return self
 
     def meant(self) -> Device:
-        """As a value; `text` is exactly what was written where that is one text."""
+        """The device as a value. A device that is written as one text keeps exactly that text."""
         udev = tuple(sorted(self.udev.model_dump(exclude_none=True).items())) if self.udev else ()
         path = (self.path or "").partition(":")[0]
         name = self.path or Device("", udev=udev).identity
@@ -99,25 +99,25 @@ class DriverDevice(Strict):
 
 
 class Driver(Strict):
-    """A service that talks to hardware. It gets these devices and nothing more; restarting it by hand asks first. It
-    waits for a device that is not there."""
+    """A service that talks to hardware. It gets only these devices and waits for a missing one. Restarting it by hand
+    asks for confirmation."""
 
     devices: list[Annotated[DriverDevice, BeforeValidator(_device), Written("text | DriverDevice")]] = recreate(
-        "The devices, under names that stay: PATH, PATH:PATH_INSIDE, PATH:PATH_INSIDE:rwm; or {path, target, "
+        "The devices, by stable paths: PATH, PATH:PATH_INSIDE, PATH:PATH_INSIDE:rwm; or {path, target, "
         "permissions}, or {udev: {vendor, product, serial, subsystem}, target, permissions}.",
         ["/dev/serial/by-id/usb-SICK_TiM551-if00:/dev/sick"],
         list,
     )
     unplugged: Literal["stop", "keep"] = unchanging(
-        "What becomes of it when a device goes: stop it until the device is back, or keep it running.", "keep", "stop"
+        "When a device is unplugged: stop the service until the device is back, or keep it running.", "keep", "stop"
     )
     groups: list[Annotated[Text, check.GROUP]] | None = recreate(
         "Extra groups inside the container, such as dialout or video.", ["dialout"]
     )
     realtime: bool = recreate("SYS_NICE, rtprio 99 and unlimited memlock.", True, False)
     hotplug: bool = recreate(
-        "It copes itself with devices that come and go: it sees the directory of their nodes, may use all of their "
-        "class, and is neither waited for nor stopped.",
+        "The program handles plugging and unplugging itself: it sees the directory of the nodes and may use all "
+        "devices of the class. rorg does not wait for them, and does not stop the service without them.",
         True,
         False,
     )
@@ -145,14 +145,14 @@ class Driver(Strict):
 
 
 def class_of(device: Device) -> tuple[str, tuple[int, ...]] | None:
-    """(Directory of nodes, major numbers) of the class of a device; None where Linux does not number it for good."""
+    """(Directory of nodes, major numbers) of a device's class; None if Linux does not assign fixed numbers to it."""
     subsystem = dict(device.udev).get("subsystem")
     found = [c for c in CLASSES if (device.path.startswith(c[1]) if device.path else c[0] == subsystem)]
     return (found[0][2], tuple(sorted({n for c in found for n in c[3]}))) if found else None
 
 
 def hardware(driver: Driver | None, without_hardware: bool) -> dict[str, Any]:
-    """What a Service says of it: with the devices that it waits for."""
+    """The fields of a Service that follow from its driver, such as the devices that it waits for."""
     if driver is None:
         return {}
     waits = () if without_hardware or driver.hotplug else driver.devices
@@ -160,7 +160,7 @@ def hardware(driver: Driver | None, without_hardware: bool) -> dict[str, Any]:
 
 
 def options_of(driver: Driver, without_hardware: bool) -> dict[str, Any]:
-    """Least privilege: the named devices, the named groups, and the limits of real time only where asked for."""
+    """Container options of a driver: its devices, its groups, and real-time limits only on request."""
     devices = [device.meant().text for device in driver.devices]
     if without_hardware:
         targets = [device.target or (device.path or "").split(":")[:2][-1] for device in driver.devices]
@@ -172,18 +172,15 @@ def options_of(driver: Driver, without_hardware: bool) -> dict[str, Any]:
 
 
 def _classes_of(driver: Driver) -> dict[str, Any]:
-    """All nodes of the classes of its devices, read only as files, so that it makes none."""
+    """All nodes of the devices' classes, mounted read-only so that the driver cannot create nodes."""
     directories, rules = dict[str, None](), dict[str, None]()
     for device in driver.devices:
         directory, majors = class_of(device.meant()) or ("", ())
         directories[directory] = None
-        rules.update(dict.fromkeys(f"c {major}:* {_permissions(device)}" for major in majors))
+        written = (device.path or "").split(":")[2:]
+        permissions = device.permissions or (written[0] if written else "rw")
+        rules.update(dict.fromkeys(f"c {major}:* {permissions}" for major in majors))
     if not rules:
         return {}
     shown = [d for d in directories if d == "/dev"] or list(directories)
     return {"device_cgroup_rules": list(rules), "volumes": [f"{d}:{d}:ro" for d in shown]}
-
-
-def _permissions(device: DriverDevice) -> str:
-    parts = (device.path or "").split(":")
-    return device.permissions or (parts[2] if len(parts) > 2 else "rw")

@@ -1,5 +1,5 @@
-"""What holds for one service, value by value, with where each comes from: its manifest, a profile, the Policy, a file
-of variables, or a default."""
+"""The effective values of one service, each with its source: manifest, profile, Policy, file of variables, or
+default."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from rorg.model.secret_names import secret_texts
 
 AT = ("spec", "container")
 UNSAID = (("failures", 0), ("atomic", ""), ("prewarm", 0.0))
-"""Values of a Service that stand for nothing."""
+"""Values of a Service that mean "not set"."""
 
 
 def effective(root: Path, name: str, robot: str = "") -> list[Value]:
-    """All that holds for a service of a tree, on a robot; empty where there is none of that name. Raises Invalid."""
+    """All effective values of a service, on a robot; empty if the service does not exist. Raises Invalid."""
     service = load_or_raise(root, robot=robot).services.get(name)
     sources = read_tree(root, robot=robot)[0]
     own = next((s for s in sources if s.kind == "Service" and s.name == name), None)
@@ -47,8 +47,8 @@ def effective(root: Path, name: str, robot: str = "") -> list[Value]:
 
 
 def _chain(names: Sequence[str], profiles: Mapping[str, Source]) -> list[str]:
-    """The profiles of a service and all that they stand on, by whose word counts first. One that two others stand on
-    may come twice; `common` is under all of them."""
+    """The profiles of a service and all that they extend, in order of precedence. A profile that two others extend may
+    appear twice; `common` is below all."""
 
     def chain(name: str) -> list[str]:
         return [name, *(p for parent in reversed(profiles[name].spec.extends) for p in chain(parent))]
@@ -91,14 +91,15 @@ def _spec(levels: list[Level], policy: list[Level], service: Service) -> Iterato
 
 
 def _said_by(name: str, key: str, levels: list[Level], policy: list[Level], service: Service) -> list[Level]:
-    """Who may say a part of `idle` or of `resources`. A driver is prewarmed only by its own word."""
+    """The manifests that may set a part of `idle` or `resources`. Only a driver's own manifest or profile can prewarm
+    it."""
     if name == "resources":
         return levels[:1]
     return levels if key == "prewarm" and service.driver else [*levels, *policy]
 
 
 def _ros(own: Level, told: FieldText) -> Iterator[Value]:
-    """Each parameter as it is written; of those whose names say that they are secret the names alone."""
+    """Each parameter as written; the values of those with secret names are not shown."""
     ros: Ros | None = own.source.spec.ros
     for name, value in ros.parameters.items() if ros else ():
         said = own.value(f"ros.parameters.{name}", told, value, "spec", "ros", "parameters", name)
@@ -109,8 +110,8 @@ def _ros(own: Level, told: FieldText) -> Iterator[Value]:
 def _first(
     levels: list[Level], path: tuple[str, ...], told: FieldText, service: Service, field: tuple[str, ...] = ()
 ) -> Iterator[Value]:
-    """The value of whoever says it first, else the default, where there is one. `field` is what it is of a Service,
-    where the levels have it elsewhere."""
+    """The value of the first level that sets it, else the default if there is one. `field` is the path in a Service, if
+    it differs from the path in manifests."""
     field = field or path
     for level in levels:
         value, at = level.source.spec, ("spec", *path)
@@ -125,7 +126,7 @@ def _first(
 
 
 def _rendered(service: Service, path: tuple[str, ...]) -> Any:
-    """What the service has for a field that nobody wrote."""
+    """The rendered value of a field that no manifest sets."""
     if path == ("type",):
         return "meta" if service.meta else "container"
     if path == ("profile",):
@@ -139,7 +140,7 @@ def _rendered(service: Service, path: tuple[str, ...]) -> Any:
 
 
 def _probe(levels: list[Level], name: str, service: Service) -> Iterator[Value]:
-    """A probe is one thing: it comes whole from whoever says it first."""
+    """A probe comes as a whole from the first level that sets it."""
     for level in levels:
         probe: Any = getattr(level.source.spec, name, None)
         if isinstance(probe, BaseModel):
@@ -172,8 +173,8 @@ def _needs(levels: list[Level], told: FieldText, service: Service) -> Iterator[V
 
 @dataclass(frozen=True)
 class Layer:
-    """Options of the container that one level declares, as they are rendered; `at` is where they stand in its manifest,
-    for those of them that are written there one by one."""
+    """Options that one level declares for the container, as rendered. `at` is their place in the manifest, if they are
+    written there one by one."""
 
     level: Level
     options: Mapping[str, Any]
@@ -206,7 +207,7 @@ def _container(service: Service, own: Source, profile: Merged, used: list[Level]
 
 
 def _layers(own: Source, profile: Merged, used: list[Level]) -> list[Layer]:
-    """Whose word counts first stands first."""
+    """The layers in order of precedence."""
     manifest, found = Level("manifest", own), []
     for options, part in parts(own, profile, []):
         if part == "this manifest":
@@ -229,7 +230,8 @@ def _told(option: str) -> FieldText:
 
 
 def _leaves(layers: list[Layer], path: tuple[str, ...], value: Any) -> Iterator[Value]:
-    """Mappings are merged key by key, so each key has a source of its own. A healthcheck is replaced as a whole."""
+    """Yields the values below a path. Mappings are merged key by key, so each key has its own source; a healthcheck is
+    replaced as a whole."""
     if isinstance(value, dict) and value and path != ("healthcheck",):
         for key in value:
             yield from _leaves(layers, (*path, key), value[key])
@@ -248,7 +250,7 @@ def _item(layers: list[Layer], option: str, index: int, item: Any) -> Value:
         directory = layers[0].level.source.directory
         for at, said in enumerate(layer.options.get(option, ())):
             same = (absolute(said, directory) if option == "volumes" else said) == item
-            # A file of seccomp is sent whole: its name says more to people.
+            # The content of a seccomp file is sent; people want to see its name.
             if same or (str(item).startswith("seccomp={") and seccomp_file(str(said))):
                 return layer.level.value(field, _told(option), item if same else said, *layer.where(option, at))
     return Value(field, item, inline(item), "default")
@@ -257,7 +259,7 @@ def _item(layers: list[Layer], option: str, index: int, item: Any) -> Value:
 def _environment(
     names: Mapping[str, Any], layers: list[Layer], own: Source, secrets: Collection[str]
 ) -> Iterator[Value]:
-    """Values are those that manifests say. Of secrets, and of what a file says, the names alone are told."""
+    """Values as manifests declare them. For secrets and variables from files, only names are shown."""
     for name in sorted(names):
         field = f"container.environment.{name}"
         layer = next((x for x in layers if name in x.options.get("environment", {})), None)
@@ -270,7 +272,7 @@ def _environment(
 
 
 def _of_a_file(field: str, name: str, layers: list[Layer], own: Source) -> Value:
-    """Files that are named later win, and those of profiles come first."""
+    """The file that sets a variable. Later files win; those of profiles come first."""
     for layer in layers:
         files = list(enumerate(read_env_files(layer.options.get("env_file"))))
         for index, file in reversed(files):

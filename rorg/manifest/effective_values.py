@@ -1,4 +1,4 @@
-"""One value that holds for a service, with its source, and the manifests that may say it."""
+"""One effective value of a service with its source, and the manifests that may set it."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ class Value:
     kind: str
     """manifest, profile, policy, env_file or default."""
     name: str = ""
-    """Of the profile."""
+    """The name of the profile."""
     where: Where | None = None
     variables: tuple[Use, ...] = ()
-    """Those of robot.env that it is made of."""
+    """Variables of robot.env in it."""
 
     @property
     def source(self) -> str:
-        """Where it comes from, for people."""
+        """The source for people."""
         head = f"{self.kind} {self.name}".strip()
         places = [f"{self.where.file}:{self.where.line}"] if self.where else []
         return ", ".join(
@@ -40,7 +40,7 @@ class Value:
         )
 
     def as_json(self) -> dict[str, Any]:
-        """With the source in parts; a value that is not shown is null."""
+        """The value with its source in parts; null if it is not shown."""
         place = {"file": self.where.file, "line": self.where.line} if self.where else {}
         name = {"name": self.name} if self.name else {}
         used = [{"name": u.name, "file": u.where.file, "line": u.where.line} for u in self.variables if u.where]
@@ -50,7 +50,7 @@ class Value:
 
 @dataclass(frozen=True)
 class Level:
-    """One manifest that says something of the service: the service's own, one of its profiles, or the Policy."""
+    """One manifest that sets values of the service: its own, a profile, or the Policy."""
 
     kind: str
     source: Source
@@ -60,7 +60,7 @@ class Level:
         return self.source.name if self.kind == "profile" else ""
 
     def value(self, field: str, told: FieldText, value: Any, *path: str | int) -> Value:
-        """A value that stands at `path` in this manifest."""
+        """A value at a path of this manifest."""
         plain = [_plain(item) for item in value] if isinstance(value, list) else _plain(value)
         text = written(plain, told.form) if not isinstance(plain, dict | list) else inline(plain)
         document = self.source.document
@@ -74,7 +74,7 @@ def _plain(value: Any) -> Any:
 
 
 def written_at(value: Any, path: tuple[str | int, ...]) -> tuple[str | int, ...]:
-    """A path to a value as it is written: pairs may be a list of KEY=VALUE."""
+    """The path of a value as written: pairs may be a list of KEY=VALUE."""
     for depth, key in enumerate(path):
         if isinstance(value, list) and isinstance(key, str):
             found = (i for i, item in enumerate(value) if str(item).partition("=")[0] == key)

@@ -1,4 +1,4 @@
-"""Fields by their paths, as people name them: `service.spec.idle.linger`, `spec.ready`, `container.devices`."""
+"""Finds fields by paths as people write them: `service.spec.idle.linger`, `spec.ready`, `container.devices`."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ class Place:
     field: FieldText | None
     """None for a kind."""
     model: type[BaseModel] | None
-    """The mapping that is there, if it is one."""
+    """The model of the mapping at this place, if it is one."""
 
     def deeper(self, word: str) -> Place | None:
-        """The field of that name in this mapping. A key that people choose, as in ulimits, stays where it is."""
+        """The field of that name in this mapping. User-chosen keys, as in ulimits, lead to the same model."""
         found = fields_of(self.model).get(word) if self.model else None
         if found:
             return Place(f"{self.path}.{word}" if self.path else word, found, found.model)
@@ -36,7 +36,7 @@ class Place:
 
 
 def find(path: str) -> Place | None:
-    """What a path leads to; None where there is nothing. `spec` may be left out, and so may be the kind."""
+    """Finds the place of a path, or None. The kind and `spec` may be omitted."""
     words = [re.sub(r"\[\w*\]$", "", word) for word in path.split(".")]
     for place, rest in _starts(words):
         found: Place | None = place
@@ -48,7 +48,7 @@ def find(path: str) -> Place | None:
 
 
 def _starts(words: list[str]) -> Iterator[tuple[Place, list[str]]]:
-    """Where a path may begin, with what is left of it: the likeliest first."""
+    """Yields possible starts of a path with the remaining words, the likeliest first."""
     first, rest = words[0].lower(), words[1:]
     folders = {folder: kind for folder, kind in FOLDERS.items() if folder not in ContainerOptions.model_fields}
     kinds = {kind.lower(): kind for kind in SPECS} | folders
@@ -82,7 +82,7 @@ def all_paths() -> list[str]:
     found = [kind.lower() for kind in SPECS]
     found += [f"service.metadata.{name}" for name in fields_of(Metadata)]
     pending = [_spec(kind) for kind in SPECS]
-    for place in pending:  # it grows meanwhile
+    for place in pending:  # it grows during the loop
         for name, field in fields_of(place.model).items() if place.model else ():
             found.append(f"{place.path}.{name}")
             if field.model:
@@ -91,7 +91,7 @@ def all_paths() -> list[str]:
 
 
 def nearest_path(path: str) -> str:
-    """The known path that somebody most likely meant; empty where none is close."""
+    """The known path closest to a misspelt one; empty if none is close."""
     words = path.split(".")
     for end in range(len(words) - 1, 0, -1):
         place = find(".".join(words[:end]))

@@ -1,5 +1,5 @@
-"""What is told of a field, in the words of who writes a manifest: its type, its default, an example. The schemas, the
-reference and `rorg explain` tell the same."""
+"""The description of each field for people: type, default, example. Schemas, reference and `rorg explain` all use
+it."""
 
 from __future__ import annotations
 
@@ -28,19 +28,19 @@ class FieldText:
     name: str
     about: str
     form: str
-    """Its type in words, such as duration, or list of name."""
+    """Its type in words, such as duration or list of name."""
     default: str
     example: Any
     required: bool
     change: str
-    """What a change of it costs: live, recreate or none; empty where the question makes no sense."""
+    """Cost of a change: live, recreate or none; empty if this does not apply."""
     model: type[BaseModel] | None
-    """The mapping that its value is, or holds."""
+    """The model of its value, or of the items of its value."""
 
 
 @cache
 def fields_of(model: type[BaseModel]) -> dict[str, FieldText]:
-    """All fields of a mapping by the names that are written."""
+    """All fields of a model by the names that people write."""
     found = {}
     for attribute, field in model.model_fields.items():
         marks: Any = field.json_schema_extra or {}
@@ -59,7 +59,7 @@ def fields_of(model: type[BaseModel]) -> dict[str, FieldText]:
 
 
 def title(model: type[BaseModel]) -> str:
-    """What a mapping is called in texts."""
+    """The name of a model in texts."""
     return "container" if model is ContainerOptions else model.__name__.removesuffix("Spec")
 
 
@@ -128,7 +128,7 @@ def _default(field: FieldInfo, marks: Any) -> str:
 
 @cache
 def _common(option: str) -> str:
-    """What the profile `common` that is built in gives to every container; empty for what it does not."""
+    """The value that the built-in profile `common` gives to every container; empty if it gives none."""
     value = declared(built_in_profiles()[SHIPPED.name].spec.container).get(option)
     if value is None:
         return ""

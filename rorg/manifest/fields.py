@@ -1,5 +1,5 @@
-"""How fields of manifests are declared: what each means, an example, what holds where it is left out, and what a change
-of it costs. Schemas, the reference and `rorg explain` are made of these declarations."""
+"""How fields of manifests are declared: meaning, example, default, and the cost of a change. The JSON schemas, the
+reference pages and `rorg explain` are generated from these declarations."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from pydantic import Field
 
 
 class Written(NamedTuple):
-    """In the annotation of a field: its type in the words of who writes a manifest."""
+    """An annotation: the type of a field as people read it."""
 
     text: str
 
 
 def field(about: str, example: Any, default: Any = None, *, unset: str = "", change: str = "", **more: Any) -> Any:
-    """A field of a manifest. A callable `default` makes it anew each time, `...` makes the field a required one.
-    `unset` says what holds where it is left out, for those whose default is None."""
+    """Declares a field of a manifest. A callable `default` is called for each instance; `...` makes the field required.
+    `unset` describes what applies when a field whose default is None is left out."""
     marks: dict[str, Any] = {"x-rorg-change": change} if change else {}
     if unset:
         marks["x-rorg-default"] = unset
@@ -25,15 +25,15 @@ def field(about: str, example: Any, default: Any = None, *, unset: str = "", cha
 
 
 def recreate(about: str, example: Any, default: Any = None, **more: Any) -> Any:
-    """A field whose change costs a new container."""
+    """Declares a field whose change needs a new container."""
     return field(about, example, default, change="recreate", **more)
 
 
 def live(about: str, example: Any, default: Any = None, **more: Any) -> Any:
-    """A field that the engine changes in place."""
+    """Declares a field that the engine changes in place."""
     return field(about, example, default, change="live", **more)
 
 
 def unchanging(about: str, example: Any, default: Any = None, **more: Any) -> Any:
-    """A field whose change costs a running container nothing."""
+    """Declares a field whose change does not touch a running container."""
     return field(about, example, default, change="none", **more)

@@ -1,5 +1,5 @@
-"""Where files of a tree of manifests, and of a project to import, may lie, and how large they may be. How they are read
-is in rorg/regular_file.py."""
+"""Limits on the files of a tree and of a project to import: where they may be, and how large. rorg/regular_file.py does
+the reading."""
 
 from __future__ import annotations
 
@@ -13,26 +13,27 @@ from rorg.regular_file import read_regular
 MOST = 4 << 20
 """Bytes of one file. A robot's largest manifests have some 100 KiB."""
 EACH, WHOLE, FILES = 1 << 20, 4 << 20, 1000
-"""Bytes of one file of a project to import, bytes of all of them, and how many they may be. A file that is read twice
+"""Limits of a project to import: bytes of one file, bytes of all files, number of files. A file that is read twice
 counts twice."""
 
 
 def read_text(path: Path, root: Path, most: int = MOST) -> str:
-    """The text of a file, in UTF-8 with what is not that replaced; otherwise as read_bytes()."""
+    """Returns the text of a file, with invalid UTF-8 replaced; otherwise like read_bytes()."""
     return read_bytes(path, root, most).decode("utf-8", errors="replace")
 
 
 def read_plain(path: Path, root: Path) -> str:
-    """The text of a file whose words go to the engine and to programs. Raises OSError as read_bytes(), and for what is
-    not UTF-8 or has a NUL character."""
+    """Returns text that goes to the engine or to programs. Raises OSError like read_bytes(), and also for invalid UTF-8
+    and for NUL characters."""
     return _plain(read_bytes(path, root), path)
 
 
 def read_bytes(path: Path, root: Path, most: int = MOST) -> bytes:
-    """The content of a regular file. `root` is the directory of the tree.
+    """Returns the content of a regular file. `root` is the directory of the tree.
 
-    Raises OSError, whose `strerror` says why not: no such file, no regular file, a link that leads out of the tree,
-    larger than `most` bytes."""
+    Raises OSError with the reason in `strerror`: no such file, not a regular file, a link that leads out of the tree,
+    or larger than `most` bytes.
+    """
 
     def refuse(found: str) -> None:
         if _leads_out(path, found, root):
@@ -42,12 +43,12 @@ def read_bytes(path: Path, root: Path, most: int = MOST) -> bytes:
 
 
 class Outside(PermissionError):
-    """A file of a project to import that lies elsewhere: what it says is nobody's business."""
+    """A file outside the project to import, which rorg must not read."""
 
 
 class Reader:
-    """Reads a project that a stranger may have written: the files below its folder, and those that a person named, each
-    a file or a folder. Links count as what they lead to."""
+    """Reads files of an untrusted project: those below its folder, and files or folders that a person named. Links
+    count as their targets."""
 
     def __init__(self, folder: Path, named: Iterable[Path] = ()) -> None:
         self.folder = real(folder)
@@ -55,8 +56,10 @@ class Reader:
         self._files = self._bytes = 0
 
     def __call__(self, path: Path) -> str:
-        """The text of a file in UTF-8, its lines ended by "\\n". Raises OSError, whose `strerror` says why not: no such
-        file, no regular file, too much, no text. Raises Outside for a file that lies elsewhere."""
+        """Returns the text of a UTF-8 file, with lines that end in "\
+        ". Raises OSError with the reason in `strerror`: no such file, not a regular file, too much, not text. Raises
+        Outside for a file elsewhere.
+        """
         self._files += 1
         if self._files > FILES:
             raise OSError(errno.EMFILE, f"the project names more than {FILES} files", str(path))
@@ -72,14 +75,13 @@ class Reader:
 
 
 def real(path: Path | str) -> Path:
-    """The absolute path without links, as far as it is there. Links in a ring, and names that no file can have,
-    stay as they are written."""
+    """The absolute path with links resolved. Link cycles and impossible names stay as they are written."""
     return Path(os.path.realpath(path))
 
 
 def _leads_out(path: Path, real: str, root: Path) -> bool:
-    """Whether links on the way from the tree to a file lead out of it. A path that says so itself (../shared, /etc) is
-    somebody's declared wish, and no link."""
+    """Whether links between the tree and a file lead out of the tree. A path that is written to lead out (../shared,
+    /etc) is intended, and is not such a link."""
     top = os.path.realpath(root)
     if real == top or real.startswith(f"{top}/"):
         return False

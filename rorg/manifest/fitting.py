@@ -1,4 +1,5 @@
-"""`resources` of a Service's manifest by what was measured of it: its text, with only these values changed."""
+"""Proposes `resources` for a Service from measurements, and writes them into the manifest's text without other
+changes."""
 
 from __future__ import annotations
 
@@ -12,9 +13,9 @@ from rorg.manifest.yaml_source import Document, read_yaml
 from rorg.model.units import parse_memory
 
 LEAST_RUN = 60.0
-"""Seconds below which what was measured says little: a start is not how a service runs."""
+"""Seconds. A shorter measurement says little, because a start is not typical."""
 LEAST_CPU = 0.01
-"""Cores; less says nothing."""
+"""Cores. Less is not meaningful."""
 MI = 1 << 20
 AT = ("spec", "resources")
 _PLAIN = re.compile(r"""'[^']*'|"[^"]*"|[^\s,}#]+""")
@@ -22,19 +23,19 @@ _PLAIN = re.compile(r"""'[^']*'|"[^"]*"|[^\s,}#]+""")
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """Of one service. Empty texts for what nothing is said of."""
+    """The proposal for one service."""
 
     service: str
     seconds: float
-    """For which it was measured."""
+    """Length of the measurement."""
     before: Mapping[str, str]
-    """cpu and memory as the manifest has them."""
+    """cpu and memory in the manifest."""
     after: Mapping[str, str]
-    """What is proposed; the same keys as of `text`'s changes. Empty where nothing is."""
+    """The proposed values that differ from the manifest; empty if there are none."""
     text: str
-    """The whole manifest with it."""
+    """The whole manifest with the proposed values."""
     why_not: str = ""
-    """Why nothing is proposed."""
+    """Why there is no proposal."""
 
     def as_json(self) -> dict[str, Any]:
         return {
@@ -47,11 +48,12 @@ class Fit:
 
 
 def fit(name: str, text: str, measured: Mapping[str, Any] | None, margin: float) -> Fit:
-    """What a manifest should say, and its text with that. `measured` is as the history has it (see history/usage.py).
+    """Proposes values for a manifest. `measured` is in the form of the history (see history/usage.py).
 
-    CPU is the mean while it runs: budgets are sums over services that do not all work at the same moment. Memory is the
-    most that was seen: who lacks CPU is slow, and who lacks memory ends. Both with a margin (0.1 is a tenth) on top. A
-    value that is within the margin of that stays as it is."""
+    CPU is the mean while the service runs: budgets are sums over services that do not all work at the same time. Memory
+    is the peak: too little CPU slows a service down, too little memory kills it. Both get a margin on top (0.1 is a
+    tenth). A declared value within the margin of that stays.
+    """
     document, _ = read_yaml(text, name)
     declared = _declared(document)
     before, seconds = {k: str(v) for k, v in declared.items()}, float(measured["seconds"]) if measured else 0.0
@@ -74,7 +76,7 @@ def fit(name: str, text: str, measured: Mapping[str, Any] | None, margin: float)
 
 def _too_little(measured: Mapping[str, Any] | None) -> str:
     if measured is None:
-        return "nothing is on record of what it used"
+        return "no measurements of it are on record"
     return f"it was measured for only {measured['seconds']:.0f} s" if measured["seconds"] < LEAST_RUN else ""
 
 
@@ -101,12 +103,12 @@ def _bytes(value: Any) -> float | None:
 
 
 def _cores(value: float) -> str:
-    """Two digits that count."""
+    """Rounded to two significant digits."""
     return f"{value:.2g}" if value < 10 else f"{value:.0f}"
 
 
 def _size(value: float) -> str:
-    """In Mi: two digits that count, rounded up."""
+    """In Mi, rounded up to two significant digits."""
     count = math.ceil(round(value / MI, 6))
     step = 10 ** max(0, len(str(count)) - 2)
     return f"{math.ceil(count / step) * step}Mi"
@@ -117,11 +119,11 @@ def _line(values: Mapping[str, str]) -> str:
 
 
 def with_resources(text: str, document: Document, values: Mapping[str, str]) -> str | None:
-    """The text with these values of `resources`, and all else as it is. None where that cannot be done."""
+    """Returns the text with these values of `resources` and no other changes; None if that is impossible."""
     if any((*AT, key) in document.filled for key in values):
-        return None  # a variable, which others use too
+        return None  # the value is a variable, which other fields may use too
     lines = text.split("\n")
-    for key, value in sorted(values.items(), reverse=True):  # what is added stands in front
+    for key, value in sorted(values.items(), reverse=True):  # new keys are inserted at the front
         found = document.values.get((*AT, key))
         done = _replaced(lines, found, value) if found else _added(lines, document, key, value)
         again, wrong = read_yaml("\n".join(lines), document.file)
@@ -133,7 +135,7 @@ def with_resources(text: str, document: Document, values: Mapping[str, str]) -> 
 
 
 def _read(text: str) -> str:
-    """As the value of a text in YAML is written."""
+    """Normalizes a number as YAML reads it."""
     try:
         return str(int(text)) if text.isdigit() else str(float(text))
     except ValueError:
@@ -150,7 +152,7 @@ def _replaced(lines: list[str], place: tuple[int, int], value: str) -> bool:
 
 
 def _added(lines: list[str], document: Document, key: str, value: str) -> bool:
-    """Another key of `resources`, or `resources` as the last key of `spec`."""
+    """Adds a key to `resources`, or adds `resources` as the last key of `spec`."""
     at = document.values.get(AT)
     if at is not None:
         return _added_to(lines, document, at, key, value)

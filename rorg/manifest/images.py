@@ -1,4 +1,4 @@
-"""Images of a tree: what each uses by its Dockerfile, and what is wrong with that."""
+"""Images of a tree: the references in their Dockerfiles, and what is wrong with these."""
 
 from __future__ import annotations
 
@@ -21,25 +21,25 @@ from rorg.model.graph import cycles, stands_on
 from rorg.model.image_names import plain
 
 ALIKE = 0.8
-"""From this likeness on (of difflib) a parent is taken for a misspelt name of an Image."""
+"""Similarity (of difflib) above which a base counts as a misspelt Image."""
 PREDEFINED = re.compile(
     r"(?i:(https?|ftp|no|all)_proxy)|BUILDKIT_\w+|SOURCE_DATE_EPOCH|(TARGET|BUILD)(PLATFORM|OS|ARCH|VARIANT)|TARGETSTAGE"
 )
-"""Arguments that a build has without an ARG (Dockerfile reference, "Predefined ARGs")."""
+"""Arguments that need no ARG (Dockerfile reference, "Predefined ARGs")."""
 MACHINES = {"x86_64": "linux/amd64", "aarch64": "linux/arm64", "armv7l": "linux/arm/v7", "riscv64": "linux/riscv64"}
-"""Platforms by the kernel's name of a machine; others are taken for the first one."""
+"""Platforms by the kernel's name of the machine; unknown ones count as the first."""
 MOST = 256 << 10
 """Bytes of a Dockerfile."""
 Used = Mapping[str, tuple[Use, ...]]
-"""By the name of an Image."""
+"""By the name of the Image."""
 
 
 def images_of(
     sources: Mapping[str, Source], services: Mapping[str, Service]
 ) -> tuple[dict[str, Image], list[Diagnostic]]:
-    """All Images with the references that their Dockerfiles use. Errors are a Dockerfile that is missing, cannot be
-    read or has not the stage that is the target, and Images that stand on each other; warnings are arguments that no
-    ARG takes, and parents that look like a misspelt Image."""
+    """Returns all Images with the references in their Dockerfiles. Errors: a Dockerfile that is missing, unreadable or
+    without the target stage, and Images that depend on each other. Warnings: arguments without an ARG, and bases that
+    look like a misspelt Image."""
     images: dict[str, Image] = {}
     used: dict[str, tuple[Use, ...]] = {}
     diagnostics: list[Diagnostic] = []
@@ -54,7 +54,7 @@ def images_of(
 
 
 def read_dockerfile(text: str, image: Image) -> Dockerfile:
-    """What a Dockerfile uses to build an Image on this machine. Raises DockerfileError."""
+    """Reads the Dockerfile of an Image for this machine. Raises DockerfileError."""
     return _read(text, tuple(image.args.items()), image.target, image.platform)
 
 
@@ -64,12 +64,12 @@ def _read(text: str, args: tuple[tuple[str, str], ...], target: str, wanted: str
 
 
 def machine() -> str:
-    """The platform that is built for where nothing is said."""
+    """The default platform of builds."""
     return MACHINES.get(platform.machine(), "linux/amd64")
 
 
 def _declared(source: Source) -> Image:
-    """An Image by its manifest alone, with its directories made absolute."""
+    """The Image as its manifest declares it, with absolute directories."""
     spec: Any = source.spec
     return Image(
         source.name,
@@ -85,7 +85,7 @@ def _declared(source: Source) -> Image:
 
 
 def _used(image: Image, source: Source, contexts: Contexts) -> tuple[Image, tuple[Use, ...], list[Diagnostic]]:
-    """What an Image's Dockerfile uses, with what is odd about it; or why that is not known."""
+    """Returns what the Dockerfile uses and what is odd about it, or why it cannot be read."""
     if image.context is None:
         return image, (), []
     uses, whole, found = _uses(image, source)
@@ -96,7 +96,7 @@ def _used(image: Image, source: Source, contexts: Contexts) -> tuple[Image, tupl
 
 
 def _uses(image: Image, source: Source) -> tuple[tuple[Use, ...], Dockerfile | None, list[Diagnostic]]:
-    """What an Image's Dockerfile names, and the whole of it; None where it cannot be read."""
+    """Returns the uses of the stages that are built, and the whole Dockerfile; None if it cannot be read."""
     path = _path(image)
     if not os.path.isfile(path):
         where = source.where("spec", "context")
@@ -117,7 +117,7 @@ def _uses(image: Image, source: Source) -> tuple[tuple[Use, ...], Dockerfile | N
 
 
 def _path(image: Image) -> Path:
-    """Of its Dockerfile."""
+    """The path of its Dockerfile."""
     return Path(image.context or "") / image.dockerfile
 
 
@@ -128,7 +128,7 @@ def _no_stage(image: Image, source: Source, file: Dockerfile) -> Diagnostic:
 
 
 def _odd_arguments(image: Image, source: Source, file: Dockerfile) -> Iterator[Diagnostic]:
-    """Arguments that change nothing: Docker only warns of them."""
+    """Arguments without effect; Docker only warns about them."""
     for name in image.args:
         if name not in file.arguments and not PREDEFINED.fullmatch(name):
             where = source.where("spec", "args", name, key=True)
@@ -137,7 +137,7 @@ def _odd_arguments(image: Image, source: Source, file: Dockerfile) -> Iterator[D
 
 
 def _circles(images: Mapping[str, Image], used: Used) -> Iterator[Diagnostic]:
-    """An Image that stands on itself, through others or directly, can never be built."""
+    """Reports Images that are based on themselves, directly or through others: they can never be built."""
     for cycle in cycles({name: [b for b in below if b in images] for name, below in stands_on(images).items()}):
         name, base = cycle[:2]
         line = next(use.line for use in used[name] if plain(use.reference) == base)
@@ -147,7 +147,8 @@ def _circles(images: Mapping[str, Image], used: Used) -> Iterator[Diagnostic]:
 
 
 def _misspelt(images: Mapping[str, Image], used: Used) -> Iterator[Diagnostic]:
-    """Of what names no registry and no tag, it is likelier that a letter is wrong than that it is on the hub."""
+    """Reports unknown names that resemble an Image. A name without registry and tag is more likely a typo than an image
+    on the hub."""
     for name, uses in used.items():
         for use in uses:
             reference = plain(use.reference)

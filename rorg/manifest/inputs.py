@@ -1,4 +1,5 @@
-"""Which files besides the manifests a tree is made of: what was read for it, and what is mounted from it."""
+"""The files that a tree depends on besides its manifests: files that are read for it, and files that are mounted from
+it."""
 
 from __future__ import annotations
 
@@ -8,29 +9,28 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rorg.manifest.container_files import seccomp_file
+from rorg.manifest.container_files import parameter_files, seccomp_file
 from rorg.manifest.documents import Source
 from rorg.manifest.files import real
 from rorg.manifest.long_forms import read_env_files
 from rorg.manifest.programs import missing
-from rorg.manifest.ros_parameters import parameter_files
 
 
 @dataclass(frozen=True)
 class Inputs:
-    """Paths, whether anything is there or not: what is missing may come."""
+    """Paths, existing or not: a missing file may appear later."""
 
     files: frozenset[Path] = frozenset()
-    """Read with the manifests: env_file, profiles of seccomp, values of ROS parameters, Dockerfiles; and programs and
-    their directories, and what is to be mounted, that are missing."""
+    """Files read with the manifests: env_file, seccomp profiles, values of ROS parameters, Dockerfiles; and missing
+    programs, working directories and mounts."""
     mounted: frozenset[Path] = frozenset()
-    """Files and directories of the tree that services mount to read. What they may write is their own."""
+    """Files and directories of the tree that services mount read-only. What they may write belongs to them."""
     contexts: frozenset[Path] = frozenset()
-    """Directories that images are built from, wherever they are."""
+    """Build contexts of images, anywhere."""
 
 
 def inputs(root: Path, by_kind: Mapping[str, Mapping[str, Source]]) -> Inputs:
-    """Those of all services and images, with what any profile may add to a service."""
+    """The inputs of all services and images, including what any profile may add to a service."""
     files: set[Path] = set()
     mounted: set[Path] = set()
     contexts: set[Path] = set()
@@ -57,7 +57,7 @@ def inputs(root: Path, by_kind: Mapping[str, Mapping[str, Source]]) -> Inputs:
 
 
 def _sources(options: Any) -> Iterator[str]:
-    """Paths on the host of what a container mounts to read."""
+    """Host paths that a container mounts read-only."""
     for volume in getattr(options, "volumes", None) or ():
         source: str | None
         if isinstance(volume, str):

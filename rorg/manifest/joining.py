@@ -22,8 +22,8 @@ def join(
     groups: Mapping[str, Group],
     known: Collection[str],
 ) -> tuple[Service, list[Diagnostic]]:
-    """The service with what it joins among its needs, and among what restarts it where that ends the namespace: a run
-    in a network that is gone reaches nobody. `known` are all names that are declared, broken ones too."""
+    """Adds the services that it joins to its needs, and to what restarts it if their end also ends the namespace: a
+    container in a network that is gone is unreachable. `known` are all declared names, including broken ones."""
     joins: dict[str, tuple[str, ...]] = {}
     diagnostics: list[Diagnostic] = []
     for option, index, name in named(service.spec or {}):
@@ -47,7 +47,7 @@ def _wrong(
     groups: Mapping[str, Group],
     known: Collection[str],
 ) -> Diagnostic | None:
-    """What is wrong with one that is named, of no place yet."""
+    """The mistake in one joined service; the caller adds the place."""
     containers = [n for n, s in services.items() if not s.meta and n != service.name]
     if name == service.name:
         return Diagnostic(NOWHERE, f"{option}: '{name}' is this service itself", "another service")
@@ -57,7 +57,7 @@ def _wrong(
         meta = services[name].meta
         return Diagnostic(NOWHERE, f"{option}: the meta-service '{name}' has no container", "another") if meta else None
     if name in known:
-        return None  # its own mistakes are told
+        return None  # its own mistakes are reported
     if option == VOLUMES:
         near = f"; {found} for a service" if (found := nearest(name, containers)).startswith("'") else ""
         message = f"{option}: no service '{name}', so this is the name of a container"
@@ -67,7 +67,7 @@ def _wrong(
 
 
 def place_of(source: Source, option: str, index: int | None = None) -> Where:
-    """Of an option in its manifest; of one that the profile declares, where that is named."""
+    """The place of an option in the manifest, or of the name of the profile that declares it."""
     spec: Any = source.spec
     own = getattr(spec.container, option, None) if spec.container else None
     if own is None or (index is not None and index >= len(own)):
@@ -76,7 +76,8 @@ def place_of(source: Source, option: str, index: int | None = None) -> Where:
 
 
 def told_of_processes(services: Mapping[str, Service], sources: Mapping[str, Source]) -> Iterator[Diagnostic]:
-    """Network, shared memory and processes are those of the machine for every process, so these joins hold anyway."""
+    """On the process engine, `volumes_from` does nothing. Network, shared memory and processes are the machine's for
+    every process, so joining these works anyway."""
     for name, source in sources.items():
         for other in (n for n, options in services[name].joins.items() if VOLUMES in options):
             message = f"the process engine mounts nothing, so {VOLUMES} '{other}' brings nothing along"
@@ -84,8 +85,8 @@ def told_of_processes(services: Mapping[str, Service], sources: Mapping[str, Sou
 
 
 def check_shared_memory(services: Mapping[str, Service], sources: Mapping[str, Source]) -> Iterator[Diagnostic]:
-    """An engine gives a container its shared memory for itself alone, unless that says otherwise. Docker refuses the
-    start of the other container ("non-shareable IPC")."""
+    """By default, an engine gives each container shared memory that no other may join; Docker refuses to start the
+    other container ("non-shareable IPC")."""
     for name, source in sources.items():
         for other, options in services[name].joins.items():
             mode = str((services[other].spec or {}).get("ipc") or "")

@@ -1,4 +1,4 @@
-"""A tree of manifests to a Catalog, or to everything that is wrong with it: `load(root)`."""
+"""Loads a tree of manifests into a Catalog, or returns everything that is wrong with it: `load(root)`."""
 
 from __future__ import annotations
 
@@ -11,22 +11,30 @@ from pathlib import Path
 from typing import Any
 
 from rorg.errors import Invalid
-from rorg.manifest.declarations import policy_of, requests_of
 from rorg.manifest.documents import Source, read_tree, unexpected
-from rorg.manifest.idling import check_idling
 from rorg.manifest.images import images_of
 from rorg.manifest.inputs import Inputs, inputs
 from rorg.manifest.joining import check_shared_memory, join, told_of_processes
-from rorg.manifest.profiles import COMMON, Merged, built_in_profiles, merge_profiles
+from rorg.manifest.profiles import Merged, built_in_profiles, merge_profiles
 from rorg.manifest.programs import check_programs, of_this_machine
-from rorg.manifest.references import check_conflicts, check_container_names, check_cycles, check_spelling, expand_groups
-from rorg.manifest.render import render
+from rorg.manifest.references import (
+    check_conflicts,
+    check_container_names,
+    check_cycles,
+    check_spelling,
+    expand_groups,
+    requests_of,
+    resolve,
+    unknown_permitted,
+    unknown_profiles,
+)
+from rorg.manifest.render import policy_of, render
 from rorg.manifest.secrets import secrets_of, unread_secrets
 from rorg.manifest.used_objects import check_default, joined, misspelt, objects_of
 from rorg.manifest.validation.run import validate
 from rorg.manifest.variables import noted
-from rorg.model.catalog import DEVELOPER, EVERY, Catalog, Group, Image, Service
-from rorg.model.diagnostics import Diagnostic, Where, few_suggestions, nearest
+from rorg.model.catalog import DEVELOPER, Catalog, Group, Service
+from rorg.model.diagnostics import Diagnostic, Where, few_suggestions
 from rorg.model.image_names import stems
 from rorg.model.objects import EngineObject
 from rorg.model.policy import Policy
@@ -35,14 +43,14 @@ from rorg.model.units import counted
 
 @dataclass(frozen=True)
 class Loaded:
-    """What came of reading a tree. `catalog` is None when there are errors; warnings let it pass."""
+    """The result of reading a tree. `catalog` is None if there are errors; warnings do not prevent it."""
 
     catalog: Catalog | None
     diagnostics: tuple[Diagnostic, ...] = ()
     read: Catalog | None = None
-    """As much of it as could be read, whether it is good or not: its secrets are in no message either."""
+    """Everything that could be read, valid or not, so that its secrets can be masked in messages."""
     sources: Mapping[str, Mapping[str, Source]] | None = None
-    """The manifests that the Catalog was made of, by kind and name."""
+    """The manifests behind the Catalog, by kind and name."""
 
     @property
     def errors(self) -> list[Diagnostic]:
@@ -56,13 +64,15 @@ def load(
     engine: str = "",
     robot: str = "",
 ) -> Loaded:
-    """Reads and checks a whole tree, with the files of `edits` in place of those on the disk (None: gone). All errors
-    at once, sorted by place; nothing is half accepted. `found` is told what else will be read, before it is. `engine`:
-    the name of the one that the tree is for; empty where that is not known, and then nothing is checked for it.
-    `robot`: whose overlay is laid over it; empty for the base alone.
+    """Reads and checks a whole tree.
 
-    Raises Invalid when `root` is no readable directory or holds no manifest at all, and nothing else: what nobody
-    thought of is an error of the tree too, and the robot goes on with the last good one.
+    `edits` replace files on disk (None: deleted). `found` receives the other files that the tree depends on, before
+    they are read. `engine` is the name of the engine that will run the tree; if it is empty, engine-specific checks are
+    skipped. `robot` selects an overlay; empty means the base alone.
+
+    Returns all errors together, sorted by place; a tree is accepted as a whole or not at all. Raises only Invalid, if
+    `root` is not a readable directory or holds no manifests. Unexpected exceptions become errors of the tree, and the
+    robot keeps its last good one.
     """
     if not os.path.isdir(root):
         raise Invalid(f"read manifests in {root}", "no such directory", "the directory that holds services/")
@@ -85,11 +95,13 @@ def _load(
     if not sources and not diagnostics:
         raise Invalid(f"read manifests in {root}", "no manifests there", "a directory with services/*.yaml")
     by_kind, more = _by_kind(sources)
-    diagnostics += more + check_spelling(sources)
+    diagnostics += [*more, *check_spelling(sources)]
     found(inputs(root, by_kind))
     catalog, more = _catalog(by_kind, broken, engine)
     diagnostics = noted([*diagnostics, *more], [source.document for source in sources])
-    diagnostics += _validated(catalog, by_kind, refused=any(d.severity == "error" for d in diagnostics))
+    refused = any(d.severity == "error" for d in diagnostics)
+    # Of a refused tree only errors count: services that could not be read may be the ones that others need.
+    diagnostics += [d for d in validate(catalog, by_kind) if d.severity == "error" or not refused]
     if any(d.severity == "error" for d in diagnostics):
         unread = unread_secrets(root, edits or {}, broken)
         return Loaded(None, _told(diagnostics), replace(catalog, services={**unread, **catalog.services}))
@@ -99,7 +111,7 @@ def _load(
 
 
 def _told(diagnostics: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
-    """Sorted by place, errors before warnings where they are too many; and how many more there are."""
+    """Sorts by place. If there are too many, errors come before warnings, and the last line counts the rest."""
     found = sorted(set(diagnostics))
     if len(found) <= MOST_TOLD:
         return tuple(found)
@@ -109,62 +121,45 @@ def _told(diagnostics: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
     return (*sorted(first), Diagnostic(last.where, more, "fixing these first", last.severity))
 
 
-def _validated(catalog: Catalog, by_kind: Mapping[str, dict[str, Source]], refused: bool) -> list[Diagnostic]:
-    """What the checks of the whole say; only errors of a tree that is refused anyway: who is missing in it may be
-    what its others need."""
-    found = validate(catalog, by_kind)
-    return [d for d in found if d.severity == "error"] if refused else found
-
-
-def _misnamed(sources: Iterable[Source]) -> list[Diagnostic]:
-    """Files that are called otherwise than what they declare: one of both may be a typing error."""
-    return [
-        Diagnostic(
-            s.where("metadata", "name"),
-            f"the {s.kind} '{s.name}' is in a file called '{s.path.name}'",
-            f"'{s.path.stem}', or renaming the file",
-            "warning",
-        )
-        for s in sources
-        if s.path.stem not in stems(s.name)
-    ]
+def _misnamed(sources: Iterable[Source]) -> Iterator[Diagnostic]:
+    """Warns about files whose name differs from the name that they declare: either may be a typo."""
+    for source in (s for s in sources if s.path.stem not in stems(s.name)):
+        message = f"the {source.kind} '{source.name}' is in a file called '{source.path.name}'"
+        remedy = f"'{source.path.stem}', or renaming the file"
+        yield Diagnostic(source.where("metadata", "name"), message, remedy, "warning")
 
 
 def load_or_raise(root: Path, engine: str = "", robot: str = "") -> Catalog:
-    """The Catalog of a tree, or Invalid with every diagnostic in its message."""
+    """Returns the Catalog of a tree, or raises Invalid with every diagnostic in its message."""
     return usable(root, load(root, engine=engine, robot=robot))
 
 
 def usable(root: Path, loaded: Loaded) -> Catalog:
-    """What was loaded, or Invalid."""
+    """Returns what was loaded, or raises Invalid."""
     if loaded.catalog is None:
         raise unusable(root, loaded.errors)
     return loaded.catalog
 
 
 def unusable(root: Path, errors: Sequence[Diagnostic]) -> Invalid:
-    """Why the tree cannot be used."""
-    lines = "\n".join(map(str, errors))
-    return Invalid(
-        f"use the manifests in {root}",
-        f"{counted(len(errors), 'error')}\n{lines}\n",
-        "fixing them, then `rorg validate`",
-    )
+    """The error for a tree that cannot be used."""
+    why = "\n".join([counted(len(errors), "error"), *map(str, errors), ""])
+    return Invalid(f"use the manifests in {root}", why, "fixing them, then `rorg validate`")
 
 
 MOST_TOLD = 200
-"""Mistakes of a tree that are listed."""
+"""Maximum number of listed mistakes."""
 UNTOLD = ("where", "origins", "fingerprint", "joins")
-"""What is no part of what a tree declares, or follows from the rest."""
+"""Fields that are not declared by the tree, or that follow from others."""
 LATER = (
     *("stand_ins", "cache_from", "inline", "networks", "volumes", "devices", "unplugged", "ros", "parts"),
     *("purge_shm", "prewarm", "connected"),
 )
-"""What earlier versions did not know: a tree without it has the fingerprint that it had."""
+"""Fields that earlier versions did not have: a tree that does not use them keeps its fingerprint."""
 
 
 def fingerprint(catalog: Catalog) -> str:
-    """Of all that a tree declares, wherever it is written."""
+    """A digest of everything that a tree declares, independent of where it is written."""
 
     def content(value: Any) -> dict[str, Any]:
         told = (f.name for f in fields(value) if f.name not in UNTOLD and not (f.name in LATER and _unsaid(value, f)))
@@ -174,13 +169,13 @@ def fingerprint(catalog: Catalog) -> str:
 
 
 def _unsaid(value: Any, field: Field[Any]) -> bool:
-    """It is as where nothing is declared."""
+    """Whether the field has its default."""
     factory = field.default_factory
     return bool(getattr(value, field.name) == (field.default if factory is MISSING else factory()))
 
 
 def _by_kind(sources: Iterable[Source]) -> tuple[dict[str, dict[str, Source]], list[Diagnostic]]:
-    """Sources by kind and name. Services and groups share one namespace, since a request names either."""
+    """Groups sources by kind and name. Services and groups share one namespace, because a request names either."""
     found: dict[str, dict[str, Source]] = {}
     diagnostics: list[Diagnostic] = []
     for source in sources:
@@ -188,13 +183,8 @@ def _by_kind(sources: Iterable[Source]) -> tuple[dict[str, dict[str, Source]], l
         first = next((found[k][source.name] for k in rivals if source.name in found.get(k, {})), None)
         where = source.where("metadata", "name")
         if first:
-            diagnostics.append(
-                Diagnostic(
-                    where,
-                    f"the name '{source.name}' is taken by a {first.kind} at {first.where('metadata', 'name')}",
-                    "another name",
-                )
-            )
+            taken = f"is taken by a {first.kind} at {first.where('metadata', 'name')}"
+            diagnostics.append(Diagnostic(where, f"the name '{source.name}' {taken}", "another name"))
         elif source.name == DEVELOPER and (
             source.kind == "Group" or (source.kind == "Service" and source.spec.type != "meta")
         ):
@@ -210,75 +200,45 @@ def _by_kind(sources: Iterable[Source]) -> tuple[dict[str, dict[str, Source]], l
 def _catalog(
     by_kind: Mapping[str, dict[str, Source]], broken: set[str], engine: str
 ) -> tuple[Catalog, list[Diagnostic]]:
-    profiles = {**built_in_profiles(), **by_kind.get("Profile", {})}
+    profiles, sources = {**built_in_profiles(), **by_kind.get("Profile", {})}, by_kind.get("Service", {})
     merged, diagnostics = merge_profiles(profiles)
     policy: Any = next((s.spec for s in by_kind.get("Policy", {}).values()), None)
     services: dict[str, Service] = {DEVELOPER: Service(DEVELOPER, meta=True, description="a person")}
-    for name, source in by_kind.get("Service", {}).items():
-        wanted = source.spec.profile or ()
-        diagnostics += _unknown_profiles(source, wanted, {*profiles, *broken})
-        services[name], found = _rendered(source, merged.of(wanted), policy, engine)
+    for name, source in sources.items():
+        diagnostics += unknown_profiles(source, {*profiles, *broken})
+        services[name], found = _rendered(source, merged.of(source.spec.profile or ()), policy, engine)
         diagnostics += found
     groups, found = expand_groups(by_kind.get("Group", {}), services, broken)
     diagnostics += found
     known = {*services, *groups, *broken}
-    diagnostics += _resolve_all(by_kind.get("Service", {}), services, groups, known, engine)
-    diagnostics += check_container_names(services, by_kind.get("Service", {}))
-    diagnostics += check_idling(services, by_kind.get("Service", {}))
-    diagnostics += check_cycles(services, by_kind.get("Service", {}))
-    diagnostics += _unknown_permitted(services, by_kind.get("Service", {}), known)
+    diagnostics += _resolve_all(sources, services, groups, known, engine)
+    for check in (check_container_names, check_cycles):
+        diagnostics += check(services, sources)
+    diagnostics += unknown_permitted(sources, known)
     requests, found = requests_of(by_kind.get("Request", {}), known, {*services, *broken})
     diagnostics += found
-    images, of_images = _images(by_kind, services)
+    images, of_images = images_of(by_kind.get("Image", {}), services)
+    images, of_secrets = secrets_of(services, images, sources)
     services, networks, volumes, found = _objects(by_kind, services, engine)
     diagnostics += found
     stated = policy_of(policy) if policy else Policy()
     catalog = Catalog(services, groups, images, networks, volumes, requests, stated)
     if not any(d.severity == "error" for d in diagnostics):
-        diagnostics += check_conflicts(catalog, by_kind.get("Service", {}))
-    diagnostics += of_images
-    diagnostics += check_programs(services, by_kind.get("Service", {}), images, engine)
+        diagnostics += check_conflicts(catalog, sources)
+    diagnostics += [*of_images, *of_secrets, *check_programs(services, sources, images, engine)]
     return catalog, diagnostics
-
-
-def _unknown_profiles(source: Source, names: Iterable[str], known: set[str]) -> Iterator[Diagnostic]:
-    for index, name in enumerate(names):
-        if name not in known:
-            at = ("spec", "profile", index)
-            where = source.where(*at) if at in source.document.values else source.where("spec", "profile")
-            yield Diagnostic(where, f"unknown profile '{name}'", nearest(name, known))
-
-
-def _unknown_permitted(
-    services: Mapping[str, Service], sources: Mapping[str, Source], known: set[str]
-) -> Iterator[Diagnostic]:
-    """Names that mean nothing, in what services may do."""
-    for name, source in sources.items():
-        for field in ("may_request", "may_restart", "may_act_for"):
-            for index, other in enumerate(getattr(services[name], field)):
-                if other not in known and (field, other) != ("may_act_for", EVERY):
-                    where = source.where("spec", field, index)
-                    yield Diagnostic(where, f"unknown service '{other}'", nearest(other, known))
 
 
 def _objects(
     by_kind: Mapping[str, dict[str, Source]], services: Mapping[str, Service], engine: str
 ) -> tuple[dict[str, Service], dict[str, EngineObject], dict[str, EngineObject], list[Diagnostic]]:
-    """The services by what the engine calls their networks and volumes; and these."""
+    """Returns services with the engine's names of their networks and volumes, and these networks and volumes."""
     networks, found = objects_of("network", by_kind.get("Network", {}), engine)
     volumes, more = objects_of("volume", by_kind.get("Volume", {}), engine)
     sources = by_kind.get("Service", {})
     found += [*more, *check_default(services, sources, networks)]
     services = {n: joined(s, networks, volumes) for n, s in services.items()}
     return services, networks, volumes, [*found, *misspelt(services, sources, networks, volumes)]
-
-
-def _images(
-    by_kind: Mapping[str, dict[str, Source]], services: Mapping[str, Service]
-) -> tuple[dict[str, Image], list[Diagnostic]]:
-    images, diagnostics = images_of(by_kind.get("Image", {}), services)
-    images, found = secrets_of(services, images, by_kind.get("Service", {}))
-    return images, [*diagnostics, *found]
 
 
 def _rendered(source: Source, profile: Merged, policy: Any, engine: str) -> tuple[Service, list[Diagnostic]]:
@@ -295,37 +255,11 @@ def _resolve_all(
     known: set[str],
     engine: str,
 ) -> list[Diagnostic]:
-    """Fills in what services say of each other, in place."""
+    """Resolves what services say of each other, in place."""
     diagnostics: list[Diagnostic] = []
     for name, source in sources.items():
-        joined, of_joins = join(source, services[name], services, groups, known)
-        services[name], found = _resolve(source, joined, groups, known)
+        with_joins, of_joins = join(source, services[name], services, groups, known)
+        services[name], found = resolve(source, with_joins, groups, known)
         diagnostics += of_joins + found
     more = told_of_processes if of_this_machine(engine) else check_shared_memory
     return [*diagnostics, *more(services, sources)]
-
-
-def _resolve(
-    source: Source, service: Service, groups: Mapping[str, Group], known: set[str]
-) -> tuple[Service, list[Diagnostic]]:
-    """Names in `needs` and `conflicts`: unknown ones are errors, groups become their members."""
-    diagnostics = []
-    resolved: dict[str, tuple[str, ...]] = {}
-    for field in ("needs", "conflicts"):
-        names: list[str] = []
-        written = [getattr(n, "service", n) for n in getattr(source.spec, field)]
-        for name in getattr(service, field):
-            where = (
-                source.where("spec", field, written.index(name)) if name in written else source.where("spec", "profile")
-            )
-            if field == "conflicts" and (name == service.name or name in service.needs):
-                what = "itself" if name == service.name else f"'{name}', which it needs"
-                diagnostics.append(Diagnostic(where, f"'{service.name}' conflicts with {what}", "dropping one of them"))
-            elif name not in known:
-                by = "" if name in written else f" (by profile '{', '.join(source.spec.profile or [COMMON])}')"
-                diagnostics.append(Diagnostic(where, f"{field} unknown service '{name}'{by}", nearest(name, known)))
-            names += [m for m in groups[name].services if m != service.name] if name in groups else [name]
-        resolved[field] = tuple(dict.fromkeys(names))
-    follows = {m for n in service.restarts_with for m in (groups[n].services if n in groups else [n])} - {service.name}
-    needs, conflicts = resolved["needs"], resolved["conflicts"]
-    return replace(service, needs=needs, conflicts=conflicts, restarts_with=tuple(sorted(follows))), diagnostics

@@ -1,5 +1,7 @@
-"""Compose's long forms of what also fits on a line: ports, devices, files of variables. Each becomes the line that
-means the same, where there is one, so that both forms are one configuration (compose-spec, 05-services.md)."""
+"""Compose's long forms of ports, devices and files of variables (compose-spec, 05-services.md).
+
+Each becomes the equivalent short line if there is one, so that both forms are the same configuration.
+"""
 
 from __future__ import annotations
 
@@ -22,12 +24,12 @@ class Port(Strict):
         "The port of the host, or a range of which one is free.", "8080", unset="any that is free"
     )
     host_ip: Annotated[str, check.IP] | None = field("The address of the host.", "127.0.0.1", unset="all addresses")
-    protocol: Literal["tcp", "udp", "sctp"] = field("What is spoken.", "udp", "tcp")
+    protocol: Literal["tcp", "udp", "sctp"] = field("The transport protocol.", "udp", "tcp")
     mode: Literal["host", "ingress"] | None = field(
-        "Means nothing without Swarm; it is taken for Compose's sake.", "host"
+        "Has no effect without Swarm; accepted for compatibility with Compose.", "host"
     )
     name: str | None = field("A name for people.", "web")
-    app_protocol: str | None = field("What is spoken above it, for people.", "http")
+    app_protocol: str | None = field("The application protocol, for people.", "http")
 
     @property
     def line(self) -> str:
@@ -42,9 +44,7 @@ class DeviceEntry(Strict):
 
     source: str = field("The device on the host.", "/dev/video0", ...)
     target: str | None = field("Its path in the container.", "/dev/camera", unset="the same")
-    permissions: str | None = field(
-        "What the container may do with it: r reads, w writes, m makes it.", "rw", unset="rwm"
-    )
+    permissions: str | None = field("Allowed access: r to read, w to write, m to make the node.", "rw", unset="rwm")
 
     @property
     def line(self) -> str:
@@ -59,12 +59,12 @@ class EnvFile(Strict):
     path: Annotated[str, check.WORD] = field("The file, relative to the manifest.", "./robot.env", ...)
     required: bool = field("false: it may be missing.", False, True)
     format: Literal["raw"] | None = field(
-        "raw: each line is NAME=VALUE as it stands, quotes and all.", "raw", unset="as Compose reads it"
+        "raw: each line is NAME=VALUE, taken literally with its quotes.", "raw", unset="as Compose reads it"
     )
 
 
 def read_env_files(value: object) -> list[EnvFile]:
-    """`env_file` as it is after it was checked: paths, and mappings of EnvFile."""
+    """Returns every entry of a checked `env_file`, a path or a mapping, as an EnvFile."""
     items: Any = value or ()
     return [EnvFile(path=i) if isinstance(i, str) else i if isinstance(i, EnvFile) else EnvFile(**i) for i in items]
 

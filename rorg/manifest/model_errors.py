@@ -1,4 +1,4 @@
-"""What pydantic says of a manifest, put at its place in the file and into the words of manifests."""
+"""Translates pydantic's errors into diagnostics with a place in the file and in the words of manifests."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from rorg.model.diagnostics import Diagnostic, Where, nearest
 
 
 def validated(model: type[Strict], document: Document, value: object, at: Loc) -> tuple[Any, list[Diagnostic]]:
-    """A value as its model has it, or None with all that is wrong with it; `at` is where the value stands. Text that a
-    variable was filled into is the number or the boolean that YAML reads there, where its field wants one."""
+    """Validates a value; returns None with all mistakes if it is invalid. `at` is the path of the value. If a variable
+    was filled into a text and the field needs a number or a boolean, the text is converted as YAML would read it."""
     try:
         return model.model_validate(value), []
     except ValidationError as error:
@@ -27,13 +27,13 @@ def validated(model: type[Strict], document: Document, value: object, at: Loc) -
         found: dict[tuple[Where, str], Diagnostic] = {}
         for entry in error.errors(include_url=False):
             diagnostic = _explain(model, document, entry, at)
-            # A union reports once for each of its members: the first says enough.
+            # A union reports once per member; the first report is enough.
             found.setdefault((diagnostic.where, diagnostic.message if entry["type"] == "missing" else ""), diagnostic)
         return None, list(found.values())
 
 
 def _converted(value: object, document: Document, error: ValidationError, at: Loc) -> object:
-    """The value with such texts converted, of those that were refused."""
+    """Converts the refused texts that variables were filled into."""
     places = {_place(document, at + tuple(entry["loc"])) for entry in error.errors(include_url=False)}
     for place in places & document.filled.keys():
         value = _put(value, place[len(at) :])
@@ -41,7 +41,7 @@ def _converted(value: object, document: Document, error: ValidationError, at: Lo
 
 
 def _put(value: Any, path: Loc) -> Any:
-    """A copy with the text at a path as the scalar that YAML reads there."""
+    """A copy in which the text at a path is the scalar that YAML reads there."""
     if not path:
         return as_scalar(value) if isinstance(value, str) else value
     copy = value.copy()
@@ -50,7 +50,7 @@ def _put(value: Any, path: Loc) -> Any:
 
 
 def _explain(model: type[Strict], document: Document, entry: Any, at: Loc) -> Diagnostic:
-    """One of pydantic's errors as ours: its place in the file, in the words of the manifest."""
+    """Converts one of pydantic's errors."""
     loc = _place(document, at + tuple(entry["loc"]))
     if entry["type"] == "extra_forbidden":
         return _unknown_key(model, document, loc, at)
@@ -71,7 +71,7 @@ def _explain(model: type[Strict], document: Document, entry: Any, at: Loc) -> Di
 
 
 def _place(document: Document, loc: Loc) -> Loc:
-    """Without the names that pydantic puts in for the members of a union."""
+    """Removes the names that pydantic inserts for members of a union."""
     path: Loc = ()
     for index, part in enumerate(loc):
         if (*path, part) in document.values or index == len(loc) - 1 or (*path, loc[index + 1]) not in document.values:
@@ -94,7 +94,7 @@ def _unknown_key(model: type[Strict], document: Document, loc: Loc, at: Loc) -> 
 
 
 def _other_level(kind: str, key: str) -> str:
-    """A key of the right name at the wrong depth."""
+    """The path of a valid key that is at the wrong depth."""
     if kind == "Service" and key in ContainerOptions.model_fields:
         return f"spec.container.{key}"
     if kind in SPECS and key in SPECS[kind].model_fields:

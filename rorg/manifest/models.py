@@ -1,4 +1,4 @@
-"""The kinds of manifest as pydantic models."""
+"""The kinds of manifests as pydantic models."""
 
 from __future__ import annotations
 
@@ -9,10 +9,9 @@ from pydantic import Field, model_validator
 from rorg.manifest.container import ContainerOptions
 from rorg.manifest.fields import Written, field
 from rorg.manifest.objects import NetworkSpec, VolumeSpec
-from rorg.manifest.option_forms import Many, Pairs, Strict, Words
+from rorg.manifest.option_forms import ImageName, Many, Name, Pairs, Strict, Words
 from rorg.manifest.policy import Idle, PolicySpec
 from rorg.manifest.probes import Live, Ready
-from rorg.manifest.scalars import ImageName, Name
 from rorg.manifest.service import Needs, Priority, Restart, ServiceSpec
 
 API_VERSION = "rorg/v1"
@@ -20,20 +19,20 @@ PLATFORM = r"^[a-z0-9]+/[a-z0-9_]+(/[a-z0-9]+)?$"
 
 
 class Metadata(Strict):
-    """What a manifest is called."""
+    """The name of a manifest, its description and its labels."""
 
     name: Name = field(
-        "What it is called, in its kind: up to 63 letters, digits, -, _ and dots; no other name may differ "
-        "by case alone.",
+        "Its name, unique in its kind: up to 63 letters, digits, -, _ and dots. Two names must not differ only "
+        "by case.",
         "navigation",
         ...,
     )
-    description: str | None = field("What it is for.", "Drives the robot to a place on the map.")
+    description: str | None = field("Its purpose.", "Drives the robot to a place on the map.")
     labels: Pairs = field("Keys and values of your own; `rorg get -l` selects by them.", {"team": "navigation"}, dict)
 
 
 class ImageMetadata(Metadata):
-    """What an image is called: it is tagged with that."""
+    """The name of an image, which is also its tag."""
 
     name: ImageName = field(
         "A reference in small letters: any number of parts, and a tag that is not latest.", "lab/navigation:1.2", ...
@@ -64,12 +63,12 @@ class ImageSpec(Strict):
         dict,
     )
     cache_from: Many[str] = field(
-        "Images whose layers the build may use, as far as they are on the machine; no part of what the image is.",
+        "Images on the machine whose layers the build may use. They do not change the image's identity.",
         ["lab/navigation:latest"],
         list,
     )
     platform: Annotated[str, Field(pattern=PLATFORM), Written("OS/ARCHITECTURE[/VARIANT]")] | None = field(
-        "What the image is built for.", "linux/arm64", unset="the engine's own"
+        "The platform of the image.", "linux/arm64", unset="the engine's own"
     )
     import_: Words | None = field(
         "A command that writes a root file system as a tar stream; run in this file's directory.",
@@ -89,17 +88,17 @@ class ImageSpec(Strict):
 
 
 class ProfileSpec(Strict):
-    """What several services share. `${service}`, `${resources.cpu}` and `${resources.memory}` are filled in."""
+    """Options that several services share. `${service}`, `${resources.cpu}` and `${resources.memory}` are filled in."""
 
     extends: list[Name] = field("Profiles that this one extends; its own values win.", ["ros1"], list)
-    common: bool = field("false: leaves out what the profile common gives to every container.", False, True)
-    needs: Needs = field("Added to what the services need themselves.", ["roscore"], list)
+    common: bool = field("false: without the defaults of the profile common.", False, True)
+    needs: Needs = field("Added to the needs of the services.", ["roscore"], list)
     idle: Idle | None = field("Default for services that declare none.", {"action": "pause", "linger": "20s"})
     ready: Ready | None = field("Default for services that declare none.", {"delay": "2s"})
     live: Live | None = field("Default for services that declare none.", {"tcp": 9090, "interval": "10s"})
     restart: Restart | None = field("Default for services that declare none.", "on-failure")
     without_hardware: bool = field(
-        "Each device of a driver is /dev/null and realtime limits are left out: for laptops and tests.", True, False
+        "Replaces each device of a driver by /dev/null and omits realtime limits: for laptops and tests.", True, False
     )
     container: ContainerOptions | None = field(
         "Options of the container: mappings are merged by key, lists appended, everything else is replaced by what the "
@@ -109,14 +108,14 @@ class ProfileSpec(Strict):
 
 
 class RequestSpec(Strict):
-    """A standing request: it holds whenever its requester is active."""
+    """A standing request: it applies whenever its requester is active."""
 
     requester: Name = field("The service that requests them; `developer` is always active.", "behavioral", "developer")
     services: Annotated[list[Name], Field(min_length=1)] = field(
         "Services and groups that are requested.", ["navigation"], ...
     )
-    reason: str | None = field("Why; shown wherever this is listed.", "the robot guides visitors")
-    priority: Priority | None = field("0 to 100.", 80, unset="that of the services it names")
+    reason: str | None = field("The reason, which lists of requests show.", "the robot guides visitors")
+    priority: Priority | None = field("0 to 100.", 80, unset="that of the services")
 
 
 class Manifest(Strict):
@@ -160,7 +159,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "Policy": {"budget": {"cpu": 3.2, "memory": "6Gi"}, "pressure": {"high": 1.0, "low": 0.85}},
     "Request": {"services": ["navigation"], "reason": "the robot guides visitors"},
 }
-"""A short spec of each kind."""
+"""A short example spec of each kind."""
 FOLDERS = {
     "services": "Service",
     "groups": "Group",

@@ -1,4 +1,4 @@
-"""Networks and volumes that a tree declares, under Compose's names."""
+"""The kinds Network and Volume as pydantic models, under Compose's names."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Pool(Strict):
         "Containers get addresses from this part of the subnet.", "172.28.5.0/24", unset="the whole subnet"
     )
     aux_addresses: Annotated[dict[str, Address], Written("mapping of addresses")] | None = field(
-        "Addresses that no container gets, by names of your own.", {"camera": "172.28.0.10"}
+        "Reserved addresses, by names of your own.", {"camera": "172.28.0.10"}
     )
 
     @model_validator(mode="after")
@@ -59,34 +59,34 @@ class Pool(Strict):
 
 
 class Ipam(Strict):
-    """Who gives addresses, and which."""
+    """The assignment of addresses."""
 
-    driver: Driver | None = field("What gives addresses.", "default", unset="default")
+    driver: Driver | None = field("The IPAM driver.", "default", unset="default")
     config: list[Pool] | None = field("Ranges of addresses.", [{"subnet": "172.28.0.0/16"}])
-    options: Pairs | None = field("Options of what gives addresses.", {"com.example.pool": "robots"})
+    options: Pairs | None = field("Options of the IPAM driver.", {"com.example.pool": "robots"})
 
 
 def _alone(value: Strict) -> None:
-    """Somebody else says how an external one is."""
+    """An external object has no other options: its owner decides them."""
     said = sorted(value.model_fields_set - {"name", "external"})
     if said and getattr(value, "external", False):
-        raise ValueError(f"{', '.join(said)} and external exclude each other: whoever makes it says how it is")
+        raise ValueError(f"{', '.join(said)} and external exclude each other: its owner decides its options")
 
 
 class NetworkSpec(Strict):
-    """A network of the engine: made when a container that joins it is made, and removed with the robot."""
+    """A network of the engine: created together with the first container that joins it, and removed with the robot."""
 
     name: Annotated[str, Field(pattern=NETWORK_NAME)] | None = field(
         "What the engine calls it.", "fetch_ros", unset="the name in metadata"
     )
-    driver: Driver | None = field("What makes it: bridge, macvlan ...", "bridge", unset="bridge")
+    driver: Driver | None = field("Its driver: bridge, macvlan ...", "bridge", unset="bridge")
     driver_opts: Pairs | None = field("Options of the driver.", {"com.docker.network.bridge.name": "ros0"})
-    internal: bool | None = field("Nothing outside can be reached from it.", True, unset="false")
-    attachable: bool | None = field("Containers of nobody's may join it too, with Swarm.", True, unset="false")
+    internal: bool | None = field("Isolates it from the outside.", True, unset="false")
+    attachable: bool | None = field("Standalone containers may join it too, with Swarm.", True, unset="false")
     enable_ipv6: bool | None = field("It has IPv6 addresses.", True, unset="what the engine is set to")
     ipam: Ipam | None = field("Its addresses.", {"config": [{"subnet": "172.28.0.0/16"}]})
     labels: Labels | None = field("Labels of the network.", {"org.example.team": "arms"})
-    external: bool = field("It is made and removed by somebody else; rorg only joins it.", True, False)
+    external: bool = field("rorg neither creates nor removes it, and only joins it.", True, False)
 
     @model_validator(mode="after")
     def _external_alone(self) -> NetworkSpec:
@@ -97,18 +97,18 @@ class NetworkSpec(Strict):
 
 
 class VolumeSpec(Strict):
-    """A volume of the engine: made when a container that mounts it is made, and kept, since it holds data, until
-    `rorg down --volumes`."""
+    """A volume of the engine: created together with the first container that mounts it, and kept until
+    `rorg down --volumes`, because it holds data."""
 
     name: Annotated[str, Field(pattern=f"^{VOLUME_NAME}$")] | None = field(
         "What the engine calls it.", "fetch_maps", unset="the name in metadata"
     )
-    driver: Driver | None = field("What keeps the data.", "local", unset="local")
+    driver: Driver | None = field("Its driver.", "local", unset="local")
     driver_opts: Pairs | None = field(
         "Options of the driver.", {"type": "nfs", "o": "addr=10.0.0.2,rw", "device": ":/maps"}
     )
     labels: Labels | None = field("Labels of the volume.", {"org.example.team": "arms"})
-    external: bool = field("It is made and removed by somebody else; rorg only mounts it.", True, False)
+    external: bool = field("rorg neither creates nor removes it, and only mounts it.", True, False)
 
     @model_validator(mode="after")
     def _external_alone(self) -> VolumeSpec:

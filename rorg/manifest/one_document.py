@@ -1,4 +1,4 @@
-"""Files that hold one document of their own, beside any tree: the envelope of manifests with another kind."""
+"""Reads files that hold a single document outside a tree, in the envelope of manifests: traces and workloads."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ LARGEST = 64 << 20
 
 @dataclass(frozen=True, slots=True)
 class OneDocument(Generic[S]):
-    """What is right by itself: the document for positions, the spec for content."""
+    """A valid document: the YAML for positions, the spec for content."""
 
     document: Document
     name: str
@@ -34,7 +34,7 @@ class OneDocument(Generic[S]):
 def read_document(
     path: Path, kind: str, model: type[S], make: Callable[[OneDocument[S]], tuple[V, list[Diagnostic]]]
 ) -> V:
-    """What `make` makes of the document of this kind in a file. Raises Invalid with all that is wrong with it."""
+    """Reads a document of this kind and converts it with `make`. Raises Invalid with everything that is wrong."""
     try:
         with path.open("rb") as file:
             raw = file.read(LARGEST + 1)
@@ -57,15 +57,14 @@ def read_document(
 
 
 MOST_NODES = 5_000_000
-"""YAML values of a file: a trace of a day has some hundred thousand."""
+"""YAML values in a file; a trace of one day has some hundred thousand."""
 
 
 def _checked(document: Document, kind: str, model: type[S]) -> tuple[OneDocument[S] | None, list[Diagnostic]]:
     value = document.value
     if not isinstance(value, dict):
-        return None, [
-            Diagnostic(document.where(()), f"a {kind} must be a mapping with apiVersion, kind, metadata, spec")
-        ]
+        message = f"a {kind} must be a mapping with apiVersion, kind, metadata, spec"
+        return None, [Diagnostic(document.where(()), message)]
     if value.get("kind") != kind:
         return None, [Diagnostic(document.where(("kind",)), f"the kind must be {kind}", nearest(kind, [kind]))]
     envelope, found = validated(Manifest, document, value, ())

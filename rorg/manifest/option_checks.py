@@ -1,6 +1,6 @@
-"""Values of container options, checked as the engine will: what passes here, `create` and `start` take.
+"""Checks of the values of container options, as strict as the engine's: `create` and `start` accept what passes here.
 
-A Profile may say `${service}` in any text; it is checked again when that is filled in.
+A text in a Profile may contain `${service}`. Such text is checked again after it is filled in.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from rorg.model.ports import check_published, check_target, parse_expose, parse_
 from rorg.model.volumes import parse_device, parse_tmpfs, parse_volume
 
 FINAL = {"final": True}
-"""Context of the check after `${...}` was filled in."""
+"""Validation context once every `${...}` is filled in."""
 
 
 def checked(check: Callable[[str], Any]) -> AfterValidator:
-    """Text that `check` does not raise ValueError for."""
+    """A validator for text: fails if `check` raises ValueError."""
 
     def run(value: str, info: ValidationInfo) -> str:
         if not ("${" in value and info.context != FINAL):
@@ -33,23 +33,23 @@ def checked(check: Callable[[str], Any]) -> AfterValidator:
 
 
 def turned(turn: Callable[[str], str]) -> AfterValidator:
-    """Text as `turn` writes it."""
+    """A validator that replaces text by what `turn` makes of it."""
     return AfterValidator(lambda value, info: value if "${" in value and info.context != FINAL else turn(value))
 
 
 def require(pattern: str, value: str, what: str) -> None:
-    """Raises ValueError for text that does not match as a whole."""
+    """Raises ValueError unless the whole text matches."""
     if not re.fullmatch(pattern, value, re.ASCII):
         raise ValueError(f"'{value}' is not {what}")
 
 
 def like(pattern: str, what: str) -> AfterValidator:
-    """Text that matches as a whole."""
+    """A validator for text: the whole of it must match."""
     return checked(lambda value: require(pattern, value, what))
 
 
 def between(*ranges: tuple[float, float], what: str) -> AfterValidator:
-    """A number in one of these ranges, ends included; `what` says how to write it."""
+    """A validator for a number in one of these ranges, ends included; `what` says how to write it."""
 
     def check(value: Any) -> Any:
         if not any(low <= value <= high for low, high in ranges):
@@ -65,30 +65,14 @@ FSETID IPC_LOCK IPC_OWNER KILL LEASE LINUX_IMMUTABLE MAC_ADMIN MAC_OVERRIDE MKNO
 NET_BROADCAST NET_RAW PERFMON SETFCAP SETGID SETPCAP SETUID SYSLOG SYS_ADMIN SYS_BOOT SYS_CHROOT SYS_MODULE SYS_NICE
 SYS_PACCT SYS_PTRACE SYS_RAWIO SYS_RESOURCE SYS_TIME SYS_TTY_CONFIG WAKE_ALARM"""
 CAPABILITIES = frozenset(_CAPABILITIES.split())
-ULIMITS = frozenset(
-    (
-        "core",
-        "cpu",
-        "data",
-        "fsize",
-        "locks",
-        "memlock",
-        "msgqueue",
-        "nice",
-        "nofile",
-        "nproc",
-        "rss",
-        "rtprio",
-        "rttime",
-        "sigpending",
-        "stack",
-    )
-)
+_ULIMITS = """
+core cpu data fsize locks memlock msgqueue nice nofile nproc rss rtprio rttime sigpending stack"""
+ULIMITS = frozenset(_ULIMITS.split())
 SIGNALS = frozenset(
     (*signal.Signals.__members__, *(f"SIGRTMIN+{n}" for n in range(1, 16)), *(f"SIGRTMAX-{n}" for n in range(1, 15)))
 )
 NUMBERS = frozenset(str(n) for n in range(1, 65) if n not in (32, 33))
-"""Of signals that the engine sends: libc keeps 32 and 33 to itself."""
+"""Numbers of signals that the engine can send; libc reserves 32 and 33."""
 
 
 def _near(name: str, known: Collection[str]) -> str:
@@ -128,7 +112,7 @@ def _ip(value: str) -> None:
 
 
 def _extra_host(value: str) -> str:
-    """NAME:ADDRESS; Compose takes NAME=ADDRESS and brackets too."""
+    """Returns NAME:ADDRESS; Compose also accepts NAME=ADDRESS and brackets around the address."""
     found = re.match(r"([^:=\s]+)[:=](\S+)$", value)
     if not found:
         raise ValueError(f"'{value}' is not a host; write NAME:ADDRESS")
@@ -154,7 +138,7 @@ def _working_dir(value: str) -> None:
 
 
 def check_image(value: str) -> None:
-    """Raises ValueError for what is no reference of an image."""
+    """Raises ValueError if this is not a reference of an image."""
     part = r"[a-z0-9]+(?:(?:\.|_|__|-+)[a-z0-9]+)*"
     domain = r"(?=localhost/|[^/]*[.:])(?:[a-zA-Z0-9](?:[a-zA-Z0-9.-]*[a-zA-Z0-9])?|\[[0-9a-fA-F:]+\])(?::[0-9]+)?"
     digest = r"[A-Za-z][A-Za-z0-9]*(?:[-_+.][A-Za-z][A-Za-z0-9]*)*:[0-9a-fA-F]{32,}"
@@ -191,27 +175,19 @@ def _security(value: str) -> None:
         raise ValueError(f"'{value}' is not a security option; write no-new-privileges, seccomp=, apparmor= or label=")
 
 
-def _volumes_from(value: str) -> None:
-    if not re.fullmatch(r"(container:)?[a-zA-Z0-9][a-zA-Z0-9_.-]*(:(ro|rw|z|Z))?", value, re.ASCII):
-        raise ValueError(f"'{value}' is not a container; write NAME, or NAME:ro")
-
-
 def _word(value: str) -> None:
     if not re.fullmatch(r"\S+", value):
         raise ValueError(f"'{value}' is not one word")
 
 
 def _sysctl(name: str) -> None:
-    if not re.match(
-        r"(net\.|fs\.mqueue\.|kernel\.(msgmax|msgmnb|msgmni|sem|shmall|shmmax|shmmni|shm_rmid_forced|"
-        r"domainname)$)",
-        name,
-    ):
+    of_kernel = "msgmax|msgmnb|msgmni|sem|shmall|shmmax|shmmni|shm_rmid_forced|domainname"
+    if not re.match(rf"(net\.|fs\.mqueue\.|kernel\.({of_kernel})$)", name):
         raise ValueError(f"'{name}' is not namespaced; set it on the host")
 
 
 def keys(check: Callable[[str], None]) -> AfterValidator:
-    """A mapping whose keys pass."""
+    """A validator for a mapping: each key must pass the check."""
 
     def run(value: dict[str, Any]) -> dict[str, Any]:
         for key in value:
@@ -233,12 +209,13 @@ def _key(name: str) -> None:
 
 CAPABILITY, IP, EXTRA_HOST = checked(_capability), checked(_ip), turned(_extra_host)
 CPUS, WORKING_DIR, IMAGE, WORD = checked(_cpus), checked(_working_dir), checked(check_image), checked(_word)
-NETWORK_MODE, SECURITY, VOLUMES_FROM = checked(_network_mode), checked(_security), checked(_volumes_from)
+NETWORK_MODE, SECURITY = checked(_network_mode), checked(_security)
 IPC = checked(_namespace("none", "private", "shareable", "host", "service:", "container:"))
 PID, HOST_ONLY = checked(_namespace("host", "service:", "container:")), checked(_namespace("host"))
 VOLUME, DEVICE, TMPFS = checked(parse_volume), checked(parse_device), checked(parse_tmpfs)
 PORTS, EXPOSE = checked(parse_ports), checked(parse_expose)
 TARGET, PUBLISHED = checked(check_target), checked(check_published)
+VOLUMES_FROM = like(r"(container:)?[a-zA-Z0-9][a-zA-Z0-9_.-]*(:(ro|rw|z|Z))?", "a container; write NAME, or NAME:ro")
 DEVICE_RULE = like(r"[acb] ([0-9]+|\*):([0-9]+|\*) [rwm]{1,3}", "a rule for devices; write 'c 188:* rw'")
 HOST_NAME = like(r"[a-zA-Z0-9]([a-zA-Z0-9_.-]{0,62}[a-zA-Z0-9])?", "a host name")
 DOMAIN = like(r"\.|[a-zA-Z0-9_]([a-zA-Z0-9_.-]*[a-zA-Z0-9_.])?", "a domain")

@@ -1,24 +1,26 @@
-"""The forms that values of options are written in: words, pairs, cores, amounts of memory; each turned into one."""
+"""The forms that values are written in: words, pairs, cores, durations, sizes, names. Each form is converted to one
+type."""
 
 from __future__ import annotations
 
 import shlex
 from typing import Annotated, TypeVar
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints, WithJsonSchema
 
 from rorg.manifest import option_checks as check
 from rorg.manifest.fields import Written
-from rorg.manifest.scalars import Memory
+from rorg.model import image_names
+from rorg.model.units import DURATION, MEMORY, NAME, parse_duration, parse_memory
 
 MIB = 1 << 20
 LEAST_MEMORY = 6 * MIB
-"""The engine refuses a smaller limit."""
+"""Bytes. The engine refuses a smaller memory limit."""
 MOST = float(1 << 62)
 
 
 class Strict(BaseModel):
-    """Unknown keys are errors, and no scalar is turned into another type."""
+    """The base of all models: unknown keys are errors, and scalars are never converted to another type."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
@@ -35,7 +37,7 @@ def _one_or_many(value: object) -> object:
 
 
 def _pairs(value: object) -> object:
-    """`[K=V]` or `{K: V}` as {K: "V"}; numbers and booleans become text, as in Compose."""
+    """Converts `[K=V]` to {K: "V"}; `{K: V}` stays. Numbers and booleans become text later, as in Compose."""
     if isinstance(value, list):
         if not all(isinstance(item, str) and "=" in item for item in value):
             raise ValueError("each item must read KEY=VALUE")
@@ -44,12 +46,12 @@ def _pairs(value: object) -> object:
 
 
 def _scalar(value: object) -> object:
-    """Compose takes true and false in mappings of text, and makes these words of them."""
+    """Compose accepts true and false in mappings of text, and reads them as these words."""
     return _text(("false", "true")[value] if isinstance(value, bool) else value)
 
 
 def _bare(value: object) -> object:
-    """A label without a value has an empty one, as in Compose."""
+    """A label without a value has an empty value, as in Compose."""
     if isinstance(value, list):
         return [f"{item}=" if isinstance(item, str) and "=" not in item else item for item in value]
     return {k: "" if v is None else v for k, v in value.items()} if isinstance(value, dict) else value
@@ -76,6 +78,36 @@ def _not_ours(value: dict[str, str]) -> dict[str, str]:
     return value
 
 
+Duration = Annotated[
+    float,
+    BeforeValidator(parse_duration),
+    WithJsonSchema({"anyOf": [{"type": "number", "minimum": 0}, {"type": "string", "pattern": DURATION}]}),
+    Written("duration"),
+]
+Interval = Annotated[Duration, Field(ge=0.05)]
+"""The interval of something periodic."""
+Memory = Annotated[
+    int,
+    BeforeValidator(parse_memory),
+    WithJsonSchema({"anyOf": [{"type": "integer", "minimum": -1}, {"type": "string", "pattern": MEMORY}]}),
+    Written("size"),
+]
+Name = Annotated[str, StringConstraints(pattern=NAME, strict=True), Written("name")]
+
+
+def _image_name(value: str) -> str:
+    image_names.check_name(value)
+    return value
+
+
+ImageName = Annotated[
+    str,
+    AfterValidator(_image_name),
+    WithJsonSchema({"type": "string", "pattern": image_names.NAME, "maxLength": image_names.LONGEST}),
+    Written("image name"),
+]
+
+
 Words = Annotated[list[str], BeforeValidator(_words), Written("text | list of text")]
 Text = Annotated[str, BeforeValidator(_text), Written("text")]
 Texts = list[Text]
@@ -97,4 +129,4 @@ Bytes = Annotated[Memory, check.between((0, MOST), what="write an amount of memo
 
 T = TypeVar("T")
 Many = Annotated[list[T], BeforeValidator(_one_or_many), Written("text | list of text")]
-"""A list; one alone needs no list."""
+"""A list; a single item may be written without brackets."""

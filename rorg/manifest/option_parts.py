@@ -1,4 +1,4 @@
-"""Options of the container section that are mappings, each with its own fields."""
+"""Options of the container section that are mappings with fields of their own."""
 
 from __future__ import annotations
 
@@ -9,15 +9,14 @@ from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag,
 
 from rorg.manifest import option_checks as check
 from rorg.manifest.fields import Written, field
-from rorg.manifest.option_forms import MOST, Bytes, Pairs, Strict
-from rorg.manifest.scalars import Duration
+from rorg.manifest.option_forms import MOST, Bytes, Duration, Pairs, Strict
 from rorg.model.volumes import PROPAGATION, VOLUME_NAME, is_target
 
 
 class Ulimit(Strict):
-    """A limit of the kernel; -1 is none."""
+    """A limit of the kernel; -1 means no limit."""
 
-    soft: Annotated[int, Field(ge=-1)] = field("The limit that holds; programs may raise it up to `hard`.", 1024, ...)
+    soft: Annotated[int, Field(ge=-1)] = field("The effective limit; programs may raise it up to `hard`.", 1024, ...)
     hard: Annotated[int, Field(ge=-1)] = field("The most that `soft` may be raised to.", 65536, ...)
 
     @model_validator(mode="after")
@@ -28,9 +27,9 @@ class Ulimit(Strict):
 
 
 class Logging(Strict):
-    """Where the output goes."""
+    """The destination of the output."""
 
-    driver: str = field("The engine's driver of logs.", "local", "json-file")
+    driver: str = field("The engine's logging driver.", "local", "json-file")
     options: Pairs = field("Options of the driver.", {"max-size": "10m", "max-file": "3"}, dict)
 
 
@@ -44,7 +43,7 @@ Pause = Annotated[Duration, check.between((0, 0), (0.001, MOST), what="the engin
 
 
 class Healthcheck(Strict):
-    """The engine's own question to the container."""
+    """The engine's own health check."""
 
     test: (
         Annotated[
@@ -62,34 +61,32 @@ class Healthcheck(Strict):
     interval: Pause | None = field("Time between two checks.", "10s", unset="30s")
     timeout: Pause | None = field("After this, a check counts as failed.", "3s", unset="30s")
     retries: Annotated[int, Field(ge=0)] | None = field("Failures in a row that make it unhealthy.", 5, unset="3")
-    start_period: Pause | None = field("For so long after the start, failures do not count.", "20s", unset="0s")
-    disable: bool = field("Takes back the check that the image has.", True, False)
+    start_period: Pause | None = field("Time after the start in which failures do not count.", "20s", unset="0s")
+    disable: bool = field("Turns off the image's check.", True, False)
 
 
 class BindOptions(Strict):
-    """Of a mount from the host."""
+    """Options of a mount from the host."""
 
     propagation: Literal[PROPAGATION] | None = field(  # type: ignore[valid-type]
-        "Whether what is mounted below it later is seen on the other side.", "rslave", unset="rprivate"
+        "Whether later mounts below it are visible on the other side.", "rslave", unset="rprivate"
     )
-    create_host_path: bool | None = field("Creates the directory on the host where it is missing.", True, unset="false")
+    create_host_path: bool | None = field("Creates the directory on the host if it is missing.", True, unset="false")
     selinux: Literal["z", "Z"] | None = field("SELinux label: z is shared with other containers, Z is not.", "z")
 
 
 class VolumeOptions(Strict):
-    """Of a mount of a volume."""
+    """Options of a mount of a volume."""
 
-    nocopy: bool | None = field(
-        "An empty volume does not begin with what the image has at its place.", True, unset="false"
-    )
+    nocopy: bool | None = field("An empty volume is not filled with the image's files.", True, unset="false")
 
 
 class TmpfsOptions(Strict):
-    """Of a mount of memory."""
+    """Options of a tmpfs mount."""
 
-    size: Bytes | None = field("Most that it can hold.", "64Mi", unset="half of the machine's memory")
+    size: Bytes | None = field("Maximum size.", "64Mi", unset="half of the machine's memory")
     mode: Annotated[int, Field(ge=0, le=0o7777)] | None = field(
-        "Permissions of the directory, as a number; 0o1777 lets everybody write.", 0o1777, unset="0o1777"
+        "Permissions of the directory, as a number; 0o1777 lets everyone write.", 0o1777, unset="0o1777"
     )
 
 
@@ -105,7 +102,7 @@ class Mount(Strict):
     target: str = field("The path in the container.", "/root/navigation", ...)
     read_only: bool = field("The container may only read it.", True, False)
     consistency: Literal["consistent", "cached", "delegated"] | None = field(
-        "Means nothing on Linux; it is taken for Compose's sake.", "cached"
+        "Has no effect on Linux; accepted for compatibility with Compose.", "cached"
     )
     bind: BindOptions | None = field("Options for type: bind.", {"propagation": "rslave"})
     volume: VolumeOptions | None = field("Options for type: volume.", {"nocopy": True})
@@ -134,17 +131,17 @@ DevicePath = Annotated[str, check.PATH]
 
 
 class Rate(Strict):
-    """Most of one device, a second."""
+    """A limit per second for one device."""
 
     path: DevicePath = field("The device.", "/dev/sda", ...)
-    rate: Bytes = field("Bytes a second, or operations a second for *_iops.", "10Mi", ...)
+    rate: Bytes = field("Bytes per second, or operations per second for *_iops.", "10Mi", ...)
 
 
 Share = Annotated[int, check.between((0, 0), (10, 1000), what="write 10 to 1000")]
 
 
 class Weight(Strict):
-    """Share of one device."""
+    """The share of one device."""
 
     path: DevicePath = field("The device.", "/dev/sda", ...)
     weight: Share = field("Its share, 10 to 1000.", 300, ...)
@@ -156,16 +153,16 @@ class BlkioConfig(Strict):
     weight: Share | None = field("Share of all block devices, 10 to 1000.", 300, unset="500")
     weight_device: list[Weight] | None = field("Shares of single devices.", [{"path": "/dev/sda", "weight": 300}])
     device_read_bps: list[Rate] | None = field(
-        "Most bytes a second that are read.", [{"path": "/dev/sda", "rate": "10Mi"}], unset="no limit"
+        "Maximum bytes read per second.", [{"path": "/dev/sda", "rate": "10Mi"}], unset="no limit"
     )
     device_write_bps: list[Rate] | None = field(
-        "Most bytes a second that are written.", [{"path": "/dev/sda", "rate": "10Mi"}], unset="no limit"
+        "Maximum bytes written per second.", [{"path": "/dev/sda", "rate": "10Mi"}], unset="no limit"
     )
     device_read_iops: list[Rate] | None = field(
-        "Most reads a second.", [{"path": "/dev/sda", "rate": 1000}], unset="no limit"
+        "Maximum reads per second.", [{"path": "/dev/sda", "rate": 1000}], unset="no limit"
     )
     device_write_iops: list[Rate] | None = field(
-        "Most writes a second.", [{"path": "/dev/sda", "rate": 1000}], unset="no limit"
+        "Maximum writes per second.", [{"path": "/dev/sda", "rate": 1000}], unset="no limit"
     )
 
 
@@ -174,10 +171,10 @@ class Gpu(Strict):
 
     driver: str | None = field("The driver of the GPUs.", "nvidia", unset="what the engine finds")
     count: Annotated[int, Field(ge=-1)] | Literal["all"] | None = field(
-        "How many; -1 or all for every one.", 1, unset="all"
+        "How many; -1 or all for every GPU.", 1, unset="all"
     )
-    device_ids: list[str] | None = field("Certain ones, in place of a count.", ["0"])
-    capabilities: list[str] = field("What they must be able to do.", ["gpu", "compute"], lambda: ["gpu"])
+    device_ids: list[str] | None = field("Specific GPUs, instead of a count.", ["0"])
+    capabilities: list[str] = field("Required capabilities.", ["gpu", "compute"], lambda: ["gpu"])
     options: Pairs | None = field("Options of the driver.", {"virtualization": "false"})
 
     @model_validator(mode="after")
@@ -200,9 +197,9 @@ def _of_version(version: int) -> AfterValidator:
 
 
 class Network(Strict):
-    """How the container is joined to one network."""
+    """The container's endpoint in one network."""
 
-    aliases: list[Annotated[str, check.WORD]] | None = field("More names of the container in it.", ["base"])
+    aliases: list[Annotated[str, check.WORD]] | None = field("Additional names of the container in it.", ["base"])
     ipv4_address: Annotated[str, _of_version(4)] | None = field(
         "Its IPv4 address.", "172.20.0.10", unset="what the engine gives"
     )
@@ -219,7 +216,7 @@ class Network(Strict):
 
 
 def read_networks(value: object) -> object:
-    """A list of names as a mapping."""
+    """Converts a list of names to a mapping."""
     if isinstance(value, list):
         if not all(isinstance(name, str) for name in value):
             raise ValueError("each item must be the name of a network")
@@ -238,19 +235,19 @@ def _network_names(value: dict[str, Any]) -> dict[str, Any]:
 
 
 def read_ulimits(value: object) -> object:
-    """One number for both limits."""
+    """Converts a single number to both limits."""
     if isinstance(value, dict):
         return {k: {"soft": v, "hard": v} if type(v) is int else v for k, v in value.items()}
     return value
 
 
 def read_hosts(value: object) -> object:
-    """A mapping as lines NAME:ADDRESS."""
+    """Converts a mapping to lines NAME:ADDRESS."""
     return [f"{name}:{address}" for name, address in value.items()] if isinstance(value, dict) else value
 
 
 def read_gpus(value: object) -> object:
-    """`all` as a request for every GPU."""
+    """Converts `all` to a request for every GPU."""
     return [{"count": "all"}] if value == "all" else value
 
 

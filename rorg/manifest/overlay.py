@@ -1,8 +1,8 @@
-"""What one robot of a fleet has otherwise: documents of robots/NAME/ laid over those of the tree's base.
+"""Overlays: documents of robots/NAME/ merged into the base of a tree for one robot.
 
-A document of the same kind and name as one of the base is merged into it: mappings key by key, anything else, lists
-too, is replaced; null takes away what the base says. Others are added. `removed: true` beside the metadata takes a
-document of the base away. Relative paths are beside the manifest of the base, as Compose has it with several files.
+A document with the kind and name of one in the base is merged into it: mappings key by key; anything else, lists too,
+is replaced; null deletes a key of the base. Other documents are added. `removed: true` beside the metadata deletes a
+document of the base. Relative paths start from the manifest of the base, like Compose with several files.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ REMOVED = "removed"
 
 @dataclass
 class Written:
-    """A file of the tree as it is written, before anything is known of its kind."""
+    """A file of the tree as it is written, before its kind is known."""
 
     path: Path
     text: str
     document: Document | None
-    """None where it is no YAML."""
+    """None if it is not YAML."""
     found: list[Diagnostic] = field(default_factory=list)
-    """What is wrong with it as YAML."""
+    """Mistakes in its YAML."""
 
     @property
     def key(self) -> tuple[str, str]:
-        """(kind, name); empty where it says none."""
+        """(kind, name); empty if it has none."""
         value: Any = self.document.value if self.document else None
         metadata = value.get("metadata") if isinstance(value, dict) else None
         name = metadata.get("name") if isinstance(metadata, dict) else None
@@ -50,8 +50,8 @@ def robots_of(root: Path) -> list[str]:
 
 
 def robot_for(root: Path, named: str, host: str) -> str:
-    """The robot that a tree is read for: the one that is named, else the one called as this machine (`host`, with or
-    without its domain) where it has an overlay; empty for the base alone."""
+    """The robot to read a tree for: the one that is named, else the one with the name of this machine (`host`, with or
+    without its domain) if it has an overlay; empty for the base alone."""
     if named or not host:
         return named
     known = robots_of(root)
@@ -59,7 +59,7 @@ def robot_for(root: Path, named: str, host: str) -> str:
 
 
 def unknown_robot(root: Path, robot: str) -> Diagnostic | None:
-    """That a robot has no overlay in a tree; None where it has one, or where it is none."""
+    """Reports a robot without an overlay in the tree; None if it has one or if no robot is given."""
     known = robots_of(root)
     if not robot or robot in known:
         return None
@@ -68,12 +68,13 @@ def unknown_robot(root: Path, robot: str) -> Diagnostic | None:
 
 
 def laid_over(base: Iterable[Written], over: Iterable[Written]) -> tuple[list[Written], list[Diagnostic]]:
-    """The documents of a robot, and what of its overlay cannot be."""
+    """Merges an overlay into the base; returns the documents of the robot, and mistakes in its overlay."""
     found = {written.path: written for written in base}
     diagnostics: list[Diagnostic] = []
     for upper in over:
         lower = next((w for w in found.values() if w.key == upper.key != ("", "")), None)
-        if upper.document is not None and _removes(upper.document.value):
+        value = upper.document.value if upper.document else None
+        if isinstance(value, dict) and value.get(REMOVED) is True:
             if lower is not None:
                 del found[lower.path]
             else:
@@ -87,10 +88,6 @@ def laid_over(base: Iterable[Written], over: Iterable[Written]) -> tuple[list[Wr
     return list(found.values()), diagnostics
 
 
-def _removes(value: object) -> bool:
-    return isinstance(value, dict) and value.get(REMOVED) is True
-
-
 def _nothing_to_remove(upper: Written, found: Mapping[Path, Written]) -> Diagnostic:
     kind, name = upper.key
     assert upper.document is not None
@@ -100,10 +97,9 @@ def _nothing_to_remove(upper: Written, found: Mapping[Path, Written]) -> Diagnos
 
 
 def merge(base: Document, over: Document) -> Document:
-    """One document over another. Every value knows the file that says it."""
-    found = Document(
-        base.file, None, dict(base.keys), dict(base.values), dict(base.files), allows=(*base.allows, *over.allows)
-    )
+    """Merges two documents. Every value keeps the file that it comes from."""
+    allows = (*base.allows, *over.allows)
+    found = Document(base.file, None, dict(base.keys), dict(base.values), dict(base.files), allows)
     found.value = _merged(found, over, base.value, over.value, ())
     return found
 

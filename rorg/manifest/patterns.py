@@ -1,5 +1,8 @@
-"""Regular expressions of manifests. RE2 searches in time linear in the text; the standard library takes for ever over
-a pattern like `(a+)+b` and a line of 35 characters, and holds the interpreter meanwhile."""
+"""Regular expressions of manifests, matched by RE2 in time linear in the text.
+
+The standard library takes forever on a pattern like `(a+)+b` and a line of 35 characters, and blocks the interpreter
+meanwhile.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +12,8 @@ from typing import Any
 
 @lru_cache(256)
 def compiled(pattern: str) -> Any:
-    """A pattern to search lines with: `^` and `$` are those of a line. Raises ValueError for what is none, or needs
-    look-around or back-references, which take more than linear time."""
+    """Compiles a pattern to search lines: `^` and `$` match at line ends. Raises ValueError for an invalid pattern, and
+    for look-around and back-references, which need more than linear time."""
     import re2  # only robots with a log probe pay for it
 
     options = re2.Options()

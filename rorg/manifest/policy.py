@@ -1,4 +1,4 @@
-"""Idling, budgets and pressure: the Policy of the machine, and what services may say of it themselves."""
+"""Idling, budgets, pressure and updates: the kind Policy, and the parts of it that services may set themselves."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ from typing import Annotated, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from rorg.manifest.fields import Written, field, unchanging
-from rorg.manifest.option_forms import Strict
+from rorg.manifest.option_forms import Duration, Interval, Memory, Name, Strict
 from rorg.manifest.probes import Interlock
-from rorg.manifest.scalars import Duration, Interval, Memory, Name
 
 
 def _units(value: object) -> object:
@@ -19,7 +18,7 @@ def _units(value: object) -> object:
 Units = Annotated[
     dict[Name, Annotated[int, Field(ge=1)]], BeforeValidator(_units), Written("list of names | mapping of numbers")
 ]
-"""Exclusive resources by name, with how many units: `[gpu]` or `{gpu: 1}`."""
+"""Exclusive resources with their units: `[gpu]` or `{gpu: 1}`."""
 Fraction = Annotated[float, Field(strict=False, gt=0, le=1)]
 Percent = Annotated[float, Field(strict=False, gt=0, le=100)]
 
@@ -36,30 +35,30 @@ Prewarm = Annotated[
 
 
 class Escalate(Strict):
-    """A second, harder step for a service that stays unwanted."""
+    """A second, harder step for a service that stays idle."""
 
-    after: Duration = unchanging("How long after it was paused (or stopped).", "10m", ...)
-    action: Literal["stop", "remove"] = unchanging("What is done then.", "remove", "stop")
+    after: Duration = unchanging("Time since it was paused (or stopped).", "10m", ...)
+    action: Literal["stop", "remove"] = unchanging("The second step.", "remove", "stop")
 
 
 class Idle(Strict):
     """What happens to a service that is no longer wanted."""
 
     action: Literal["pause", "stop", "remove"] | None = unchanging(
-        "Pause keeps its memory and resumes at once; stop ends its processes; remove takes the container away too.",
+        "pause keeps its memory and resumes instantly; stop ends its processes; remove also removes the container.",
         "pause",
         unset="stop",
     )
     linger: Duration | None = unchanging("How long it stays active once it is no longer wanted.", "20s", unset="0s")
     min_active: Duration | None = unchanging(
-        "Once started or resumed, it stays active at least so long.", "1m", unset="0s"
+        "Minimum time that it stays active after a start or resume.", "1m", unset="0s"
     )
     escalate: Escalate | None = unchanging(
-        "A harder step for a service that stays unwanted, such as stop after 10 minutes.",
+        "A harder step for a service that stays idle, such as stop after 10 minutes.",
         {"after": "10m", "action": "stop"},
     )
     reclaim: bool | None = unchanging(
-        "Push a paused service's memory out to swap, where the machine has some.", True, unset="false"
+        "Push a paused service's memory out to swap, if the machine has swap.", True, unset="false"
     )
     prewarm: Prewarm | None = unchanging(
         "Start or resume it before it is requested, when it is likely enough that it soon will be: auto for a "
@@ -68,23 +67,23 @@ class Idle(Strict):
         unset="off",
     )
     connected: Literal["pause", "stop"] | None = unchanging(
-        "What is done instead of a pause while a ROS 1 node of another active service is connected to one of its own "
-        "by a topic, or where that is not known.",
+        "What to do instead of a pause while a topic connects one of its ROS 1 nodes to another active service, or "
+        "if that is unknown.",
         "stop",
         unset="pause",
     )
 
 
 class Budget(Strict):
-    """What all programs of the machine together should use at the most."""
+    """The most that all programs of the machine together should use."""
 
     cpu: Annotated[float, Field(strict=False, gt=0), Written("number of cores")] | None = field(
         "CPU, in cores.", 3.2, unset="all of the machine's"
     )
     memory: Memory | None = field("Memory.", "6Gi", unset="all of the machine's")
     over: Literal["admit", "queue", "refuse"] = field(
-        "What happens to a request whose services' expected use (`resources`) does not fit beside what is wanted "
-        "already.",
+        "What to do with a request whose services' expected use (`resources`) does not fit beside what is already "
+        "wanted.",
         "queue",
         "admit",
     )
@@ -93,12 +92,12 @@ class Budget(Strict):
 class Pressure(Strict):
     """When measures against overload begin and end."""
 
-    high: Fraction = field("Part of the budget: above it, one measure after another is taken.", 0.95, 1.0)
-    low: Fraction = field("Part of the budget: below it, they are undone one after another.", 0.8, 0.85)
+    high: Fraction = field("Fraction of the budget above which measures are taken, one after another.", 0.95, 1.0)
+    low: Fraction = field("Fraction of the budget below which measures are undone, one after another.", 0.8, 0.85)
     cpu_some: Percent | None = field(
         "PSI: percent of time in which some program waited for the CPU, above which it is under pressure.",
         60,
-        unset="not looked at",
+        unset="not checked",
     )
     memory_some: Percent | None = field("The same for memory.", 10, 20.0)
     step: Interval = field("Time between two samples, and between two measures.", "1s", 0.5)
@@ -115,12 +114,10 @@ class Pressure(Strict):
 
 
 class Images(Strict):
-    """When images are had, and how many are kept."""
+    """When images are pulled or built, and how many are kept."""
 
     pull: Literal["missing", "never"] = field(
-        "Whether a running rorg pulls an image that is not on the machine and that no Image of the tree declares.",
-        "never",
-        "missing",
+        "Whether a running rorg pulls missing images that no Image of the tree declares.", "never", "missing"
     )
     build: Literal["missing", "never"] = field(
         "Whether a running rorg builds an Image of the tree that has changed; never leaves it to `rorg build`.",
@@ -128,7 +125,7 @@ class Images(Strict):
         "missing",
     )
     keep: Annotated[int, Field(ge=1, le=100)] = field(
-        "States of the manifests whose images `rorg image prune` keeps for a rollback.", 10, 5
+        "Revisions of the manifests whose images `rorg image prune` keeps for a rollback.", 10, 5
     )
 
     @model_validator(mode="before")
@@ -136,7 +133,7 @@ class Images(Strict):
     def _moved(cls, value: object) -> object:
         if isinstance(value, dict) and "update" in value:
             raise ValueError(
-                "`update` stands beside `images`, and is about all changes: `updates: {when: when_ceased}`"
+                "`update` is not part of `images`; for all changes write `updates: {when: when_ceased}` beside it"
             )
         return value
 
@@ -145,35 +142,35 @@ Set = Annotated[bool | Name, Written("true | false | name of a set")]
 
 
 class Update(Strict):
-    """How a change of the service comes into use."""
+    """How a change of the service is rolled out."""
 
     when: Literal["now", "when_ceased"] | None = unchanging(
-        "now, or once it is next ceased or restarted. An interlock holds it back besides.", "when_ceased", unset="now"
+        "now, or when it is next idle or restarted. An interlock can delay it further.", "when_ceased", unset="now"
     )
     bake: Duration | None = unchanging(
-        "How long it must stay well, once it is ready, until the container before is given up. If it does not, that "
-        "one comes back.",
+        "How long it must stay well after it is ready, before rorg removes the previous container. If it fails, rorg "
+        "restores that one.",
         "1m",
         unset="2s",
     )
     atomic: Set | None = unchanging(
-        "Changes together with all others that say so (true), or with those of a set: if one fails, all go back.",
+        "Changes together with all other atomic services (true), or with those of a set: if one fails, all go back.",
         "navigation",
         unset="false",
     )
 
 
 class Updates(Strict):
-    """How changes come into use, for services that do not say so themselves."""
+    """How changes are rolled out, for services that do not set it themselves."""
 
     when: Literal["now", "when_ceased"] = field(
-        "now, or once a service is next ceased or restarted. An interlock holds a change back besides.",
+        "now, or when a service is next idle or restarted. An interlock can delay a change further.",
         "when_ceased",
         "now",
     )
     bake: Duration = field(
-        "How long a service must stay well, once it is ready, until the container before is given up. If it does not, "
-        "that one comes back.",
+        "How long a service must stay well after it is ready, before rorg removes the previous container. If it "
+        "fails, rorg restores that one.",
         "1m",
         2.0,
     )
@@ -181,13 +178,13 @@ class Updates(Strict):
 
 
 class History(Strict):
-    """How much of what happened is kept."""
+    """How much history is kept."""
 
     days: Annotated[float, Field(strict=False, ge=1, le=36_500)] = field("For how many days.", 90, 400.0)
     events: Annotated[int, Field(ge=1000, le=1_000_000)] = field(
-        "How many entries of the journal, beside those of what people did, of which 20000 are kept.", 20_000, 100_000
+        "How many entries of the journal; 20000 entries about people's actions are kept in addition.", 20_000, 100_000
     )
-    revisions: Annotated[int, Field(ge=10, le=100_000)] = field("How many states of the manifests.", 200, 1000)
+    revisions: Annotated[int, Field(ge=10, le=100_000)] = field("How many revisions of the manifests.", 200, 1000)
 
 
 class PolicySpec(Strict):
@@ -196,38 +193,37 @@ class PolicySpec(Strict):
     idle: Idle | None = field("Default for services that declare none.", {"action": "pause", "linger": "20s"})
     resync: Interval = field("Time between two full lists of the engine.", "2m", 60.0)
     bulk_workers: Annotated[int, Field(ge=1, le=16)] | None = field(
-        "Engine calls at once for work that no request waits for.",
+        "Concurrent engine calls for work that no request waits for.",
         4,
-        unset="2; 8 for an `rorg apply` while no rorg runs, since nobody can request anything meanwhile",
+        unset="2; 8 for `rorg apply` while no rorg runs, because nothing can be requested meanwhile",
     )
     budget: Budget | None = field(
-        "What all programs of the machine together should use at the most.",
+        "The most that all programs of the machine together should use.",
         {"cpu": 3.2, "memory": "6Gi"},
         unset="the whole machine",
     )
     pressure: Pressure | None = field(
-        "When measures against overload begin and end. Without it, load is not looked at.", {"high": 1.0, "low": 0.85}
+        "When measures against overload begin and end. Without it, load is not checked.", {"high": 1.0, "low": 0.85}
     )
     resources: Units = field("How many of each exclusive resource there are.", {"gpu": 2}, dict)
     interlock: Interlock | None = field(
         "For drivers and protected services that have none of their own.", {"file": "/run/robot/may-restart"}
     )
     images: Images | None = field(
-        "When images are had, and how many are kept.",
-        {"pull": "never", "keep": 10},
+        "When images are pulled or built, and how many are kept.", {"pull": "never", "keep": 10}
     )
     updates: Updates | None = field(
-        "How changes come into use, for services that do not say so themselves.", {"when": "when_ceased", "bake": "1m"}
+        "How changes are rolled out, for services that do not set it themselves.", {"when": "when_ceased", "bake": "1m"}
     )
-    history: History | None = field("How much of what happened is kept.", {"days": 90})
+    history: History | None = field("How much history is kept.", {"days": 90})
     removals: Literal["ask", "auto"] = field(
-        "What happens to a service that is no longer declared though a request, a need or a group names it: it "
-        "stays until a person has confirmed its removal, or it is removed.",
+        "What to do with a service that is no longer declared although a request, a need or a group names it: "
+        "ask keeps it until a person confirms the removal; auto removes it.",
         "auto",
         "ask",
     )
     purge_ros: bool = field(
-        "Take the registrations of killed ROS 1 nodes of this machine out of the master.", False, True
+        "Remove the registrations of killed ROS 1 nodes of this machine from the master.", False, True
     )
     purge_shm: bool = field(
         "Remove what dead ROS 2 participants left in /dev/shm, when no ROS 2 service runs and no process uses it.",

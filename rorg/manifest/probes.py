@@ -1,4 +1,4 @@
-"""What a manifest can ask of a service to know how it is: the probes of `ready`, `live` and `interlock`."""
+"""Probes as pydantic models: `ready`, `live` and `interlock`."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ from urllib.parse import urlsplit
 from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema, model_validator
 
 from rorg.manifest.fields import Written, unchanging
-from rorg.manifest.option_forms import Strict, Words
+from rorg.manifest.option_forms import Duration, Interval, Strict, Words
 from rorg.manifest.patterns import compiled
-from rorg.manifest.scalars import Duration, Interval
 
 
 def _port(value: object) -> str:
@@ -54,7 +53,7 @@ Failures = Annotated[int, Field(ge=1, le=1000)]
 
 
 class Probe(Strict):
-    """Exactly one of the forms, and how often it is tried."""
+    """Exactly one of the forms, and its interval."""
 
     tcp: Port | None = unchanging("PORT, or HOST:PORT, accepts a connection.", 9090)
     http: Url | None = unchanging(
@@ -62,7 +61,7 @@ class Probe(Strict):
     )
     file: Absolute | None = unchanging("This file was written since the service started.", "/tmp/camera-ready")
     interval: Interval | None = unchanging(
-        "Time between two probes, 50ms at the least.", "2s", unset="250ms, exec 1s; live 10s"
+        "Time between two probes, at least 50ms.", "2s", unset="250ms, exec 1s; live 10s"
     )
 
     @model_validator(mode="after")
@@ -74,7 +73,7 @@ class Probe(Strict):
 
 
 class ServiceProbe(Probe):
-    """Exactly one of the forms: those that look into a service's container, or at its place in the ROS graph, too."""
+    """Exactly one of the forms, including those that look into a service's container or at the ROS graph."""
 
     exec: Words | None = unchanging(
         "This command, run inside the container, exits 0. Costs about 50 ms each time; the others cost 1 or 2.",
@@ -82,10 +81,10 @@ class ServiceProbe(Probe):
     )
     log: Pattern | None = unchanging("A line of the output matches this regular expression.", "odom received")
     engine: Literal["healthy"] | None = unchanging("The engine's own health check says healthy.", "healthy")
-    ros_node: Absolute | None = unchanging("This ROS 1 node is registered, and answers.", "/move_base")
+    ros_node: Absolute | None = unchanging("This ROS 1 node is registered and answers.", "/move_base")
     ros_topic: Absolute | None = unchanging("This ROS 1 topic has a publisher.", "/scan")
     ros_service: Absolute | None = unchanging(
-        "This ROS 1 service is there, and accepts a connection.", "/move_base/make_plan"
+        "This ROS 1 service exists and accepts a connection.", "/move_base/make_plan"
     )
 
 
@@ -100,42 +99,31 @@ class Probes(ServiceProbe):
 class Ready(Probes):
     """When a running service counts as ready. Without it, running is ready."""
 
-    delay: Duration | None = unchanging("Ready so long after its start.", "3s")
+    delay: Duration | None = unchanging("Ready after this time since its start.", "3s")
     completed: Literal[True] | None = unchanging(
         "It is a task: what needs it waits until it has ended with exit code 0. Needs `restart: never` or on-failure.",
         True,
     )
     timeout: Duration = unchanging("Longest time to become ready; after it the service counts as late.", "60s", 30.0)
     failures: Failures | None = unchanging(
-        "Go on probing a ready service, once a second at the most; so many failures in a row, and it is not ready any "
-        "more.",
+        "Keeps probing a ready service, at most once a second. After so many failures in a row it is no longer ready.",
         3,
         unset="it stays ready until it is resumed or restarted",
     )
 
 
 class Live(Probes):
-    """Restarts a service that runs, was ready, and does not answer any more. `file`: it must be touched at least
-    every `interval`."""
+    """Restarts a service that runs, was ready, and no longer answers. `file`: it must be touched at least every
+    `interval`."""
 
     failures: Failures = unchanging("Failures in a row before the restart.", 5, 3)
 
 
 class Interlock(Probe):
-    """What must allow it before a container of this service is touched. `file`: it is there, on this machine."""
+    """A check that must allow it before rorg touches a container of this service. `file`: it exists on this machine."""
 
 
 FORMS = (
-    "delay",
-    "completed",
-    "tcp",
-    "http",
-    "file",
-    "exec",
-    "log",
-    "engine",
-    "ros_node",
-    "ros_topic",
-    "ros_service",
-    "all",
+    *("delay", "completed", "tcp", "http", "file", "exec", "log", "engine"),
+    *("ros_node", "ros_topic", "ros_service", "all"),
 )

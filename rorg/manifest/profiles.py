@@ -1,4 +1,5 @@
-"""Profiles: what several services share. Built-in ones are manifests too, in the folder beside this file."""
+"""Profiles: options that several services share. The built-in ones are manifests too, in the folder `profiles` beside
+this file."""
 
 from __future__ import annotations
 
@@ -23,12 +24,11 @@ COMMON = "common"
 
 @cache
 def built_in_profiles() -> dict[str, Source]:
-    """The profiles that come with rorg: common, plain, ros1, ros2, realtime, gpu, x11."""
+    """Profiles that come with rorg: common, plain, ros1, ros2, realtime, gpu, x11."""
     found = {}
     for path in sorted(BUILT_IN.glob("*.yaml")):
-        source, diagnostics = read_source(
-            path.read_text(encoding="utf-8"), path, f"<built in>/{path.name}", path.parent
-        )
+        text = path.read_text(encoding="utf-8")
+        source, diagnostics = read_source(text, path, f"<built in>/{path.name}", path.parent)
         if source is None:
             raise AssertionError(f"built-in profile {path.name}: {diagnostics}")
         found[source.name] = source
@@ -37,7 +37,7 @@ def built_in_profiles() -> dict[str, Source]:
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """What declares an option: a profile, or a part of the service's own manifest."""
+    """The declarer of an option: a profile, or a part of the service's own manifest."""
 
     name: str
     built_in: bool = False
@@ -48,13 +48,13 @@ class Origin:
 
 
 SHIPPED = Origin(COMMON, built_in=True)
-"""The defaults that nobody asked for."""
+"""The built-in defaults."""
 Origins = Mapping[str, tuple[Origin, ...]]
 
 
 @dataclass(frozen=True)
 class Merged:
-    """A profile with all that it extends, merged: the base first, the more special over it."""
+    """A profile merged with everything that it extends; the more special one wins."""
 
     needs: tuple[Any, ...] = ()
     idle: Mapping[str, Any] = field(default_factory=dict)
@@ -63,17 +63,17 @@ class Merged:
     restart: str | None = None
     without_hardware: bool = False
     alone: bool = False
-    """It wants nothing of `common`."""
+    """It does not extend `common`."""
     container: Mapping[str, Any] = field(default_factory=dict)
     origins: Origins = field(default_factory=dict)
-    """Option of the container -> what declares it."""
+    """Option of the container -> its declarers."""
 
 
 def merge_options(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
-    """Options of two levels: mappings by key, lists appended without repeats, everything else replaced (as Compose
-    merges files). `entrypoint` and a healthcheck's `test` are one thing though they are lists. What cannot stand
-    beside what the upper level says is left out: another volume at the same place, another word on the same matter of
-    security, another way into a network, options of another driver of logs."""
+    """Merges options of two levels: mappings by key, lists appended without repeats, everything else replaced (like
+    Compose merges files). The lists `entrypoint` and `test` of a healthcheck are replaced as a whole. Options of the
+    lower level that contradict the upper level are dropped: another volume at the same path, another value for the same
+    security option, another way into a network, options of another logging driver."""
     merged = {k: v for k, v in base.items() if not (k in _ONE_OF and _ONE_OF[k] in over and k not in over)}
     for key, value in over.items():
         old = merged.get(key)
@@ -107,24 +107,24 @@ _ROTATION = frozenset(("max-size", "max-file", "compress"))
 
 
 def _same_driver(old: Mapping[str, Any], over: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Drivers that write no files refuse to be told when to begin a new one."""
+    """Drops options for log rotation if the new driver writes no files: it would refuse them."""
     if over.get("driver", "json-file") in _ROTATING or "driver" not in over:
         return old
     return {**old, "options": {k: v for k, v in old.get("options", {}).items() if k not in _ROTATION}}
 
 
 def _matter(option: str) -> str | None:
-    """What a value of security_opt is about: seccomp, apparmor, ...; None where several may stand beside each other."""
+    """The subject of a value of security_opt: seccomp, apparmor, ...; None if several values may coexist."""
     name = re.split("[=:]", option, maxsplit=1)[0]
     return None if name == "label" else name
 
 
 _PLACES: Mapping[str, Callable[[Any], str | None]] = {"volumes": mounted_at, "security_opt": _matter}
-"""Option that is a list -> what only one item of it can be at."""
+"""List option -> a key that only one of its items can have."""
 
 
 def trace(origins: Origins, container: Mapping[str, Any], over: Mapping[str, Any], origin: Origin) -> Origins:
-    """Where the options of `container` come from, after `over` was put on what `origins` tells of."""
+    """Origins of the options in `container` after `over` was merged into it."""
     paths = [
         f"{option}.{key}" if key else option
         for option, value in over.items()
@@ -142,21 +142,24 @@ def _put(origins: Origins, container: Mapping[str, Any], over: Origins) -> Origi
 
 
 def declared(options: ContainerOptions | None) -> dict[str, Any]:
-    """Only what was written, as plain JSON values."""
+    """The options that were written, as plain JSON values."""
     return options.model_dump(exclude_unset=True, exclude_none=True, mode="json") if options else {}
 
 
 class Profiles:
-    """The profiles of a tree, merged. `common` is laid once, under all that one says together with what it extends: so
-    a later one of several does not bring back what an earlier one says otherwise than `common`."""
+    """The merged profiles of a tree.
+
+    `common` is applied once, below all profiles of a service and everything that they extend. So a later profile does
+    not restore a value of `common` that an earlier one changes.
+    """
 
     def __init__(self, said: Mapping[str, Merged], below: Collection[str]) -> None:
         self.said, self.below = said, below
         self._found: dict[tuple[str, ...], Merged] = {}
 
     def of(self, names: Sequence[str]) -> Merged:
-        """Those that a service names and that there are: one, or as one that extends them in this order; else
-        `common`."""
+        """The profiles that a service names, merged as one profile that extends them in this order; without any,
+        `common`. Unknown names are ignored."""
         named = tuple(name for name in names if name in self.said) or (COMMON,)
         if named not in self._found:
             found = reduce(_over, (self.said[name] for name in named))
@@ -166,8 +169,11 @@ class Profiles:
 
 
 def merge_profiles(sources: Mapping[str, Source]) -> tuple[Profiles, list[Diagnostic]]:
-    """Every profile with all that it extends; with unknown names and cycles in `extends` as errors. `common` is under
-    all that do not say `common: false`, and do not extend one that does; what it extends itself stands on nothing."""
+    """Merges every profile with everything that it extends; unknown names and cycles in `extends` are errors.
+
+    `common` is below all profiles, except those that say `common: false` or extend one that does. The profiles that
+    `common` itself extends have nothing below them.
+    """
     parents, diagnostics = _parents(sources)
     below = {COMMON}
     pending = [COMMON]
@@ -182,7 +188,7 @@ def merge_profiles(sources: Mapping[str, Source]) -> tuple[Profiles, list[Diagno
 
 
 def _parents(sources: Mapping[str, Source]) -> tuple[dict[str, list[str]], list[Diagnostic]]:
-    """What each profile extends, in order. Unknown names, and what leads in a circle, are left out, and told."""
+    """The parents of each profile, in order. Unknown names and cycles are left out and reported."""
     diagnostics: list[Diagnostic] = []
     graph: dict[str, list[str]] = {}
     for name, source in sources.items():

@@ -1,7 +1,7 @@
-"""Own programs: what a manifest says of a service that is a process of this machine, and of one that is a container.
+"""Checks and options that depend on the engine: a service as a process of this machine, or as a container.
 
-Which engine runs a tree stands in no manifest. Whoever knows it (the loop, `rorg validate --engine`) has the tree
-checked for it; else only what holds on every engine is.
+Manifests do not name their engine. The caller that knows it (the loop, `rorg validate --engine`) passes it in;
+otherwise only the checks for all engines run.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ def of_this_machine(engine: str) -> bool:
 
 
 def for_engine(source: Source, options: Mapping[str, Any], engine: str) -> dict[str, Any]:
-    """The options of a service as its engine takes them. A process begins beside its manifest, unless `working_dir`
-    says otherwise; paths that begin with `./`, `../` or `~/` are beside it too."""
+    """The options of a service for its engine. Without `working_dir`, a process starts in its manifest's directory;
+    paths that begin with `./`, `../` or `~/` are relative to it too."""
     found = dict(options)
     folder = found.get("working_dir", "." if of_this_machine(engine) else None)
     if folder is not None and not in_containers(engine):
@@ -45,8 +45,8 @@ def for_engine(source: Source, options: Mapping[str, Any], engine: str) -> dict[
 def check_programs(
     services: Mapping[str, Service], sources: Mapping[str, Source], images: Collection[str], engine: str
 ) -> list[Diagnostic]:
-    """What cannot work on this engine. What lies in the tree and is missing is an error; what this machine lacks is a
-    warning, since the next one may have it. Nothing is said of an engine that is not known."""
+    """Reports what cannot work on this engine. A missing file inside the tree is an error. A missing file outside is a
+    warning, because another machine may have it. No checks run for an unknown engine."""
     diagnostics: list[Diagnostic] = []
     for name, source in sources.items():
         spec = services[name].spec
@@ -58,7 +58,7 @@ def check_programs(
 
 
 def missing(source: Source) -> set[Path]:
-    """What a service names beside its manifest, and is not there: when it comes, the tree is another one."""
+    """Missing files that a service names beside its manifest; the tree changes when they appear."""
     spec: Any = source.spec
     folder = source.directory / os.path.expanduser(getattr(spec.container, "working_dir", None) or ".")
     words = [*(getattr(spec.container, "entrypoint", None) or ()), *(spec.command or ())]
@@ -68,25 +68,21 @@ def missing(source: Source) -> set[Path]:
 
 def _as_container(source: Source, spec: Mapping[str, Any]) -> Iterator[Diagnostic]:
     if source.spec.inherit_environment is not None:
-        yield Diagnostic(
-            source.where("spec", "inherit_environment"),
-            "the docker engine ignores inherit_environment: a container has its own environment",
-            "container.environment or container.env_file",
-            "warning",
-        )
+        message = "the docker engine ignores inherit_environment: a container has its own environment"
+        where = source.where("spec", "inherit_environment")
+        yield Diagnostic(where, message, "container.environment or container.env_file", "warning")
     folder = spec.get("working_dir", "/")
     if not folder.startswith("/"):
-        yield Diagnostic(
-            source.where("spec", "container", "working_dir"),
-            f"'{folder}' is a directory of this machine, and the docker engine needs one of the container",
-            "an absolute path, with a volume or a mount there",
-        )
+        message = f"'{folder}' is a directory of this machine, and the docker engine needs one of the container"
+        where = source.where("spec", "container", "working_dir")
+        yield Diagnostic(where, message, "an absolute path, with a volume or a mount there")
 
 
 def _as_process(source: Source, spec: Mapping[str, Any], images: Collection[str]) -> Iterator[Diagnostic]:
     folder = spec["working_dir"]
     words = [*spec.get("entrypoint", []), *spec.get("command", [])]
     where = source.where("spec", "command")
+    search = spec.get("environment", {}).get("PATH") or os.environ.get("PATH", os.defpath)
     if not os.path.isdir(folder):
         where = source.where("spec", "container", "working_dir")
         yield Diagnostic(where, f"no directory {folder}", "creating it", _severity(source, folder))
@@ -97,14 +93,10 @@ def _as_process(source: Source, spec: Mapping[str, Any], images: Collection[str]
         if not os.path.isfile(path):
             yield Diagnostic(where, f"no program {path}", "creating it", _severity(source, path))
         elif not os.access(path, os.X_OK):
-            yield Diagnostic(where, f"{path} may not be executed", f"chmod +x {path}", "warning")
-    elif not declared(spec["image"], images) and not shutil.which(words[0], path=_path(spec)):
+            yield Diagnostic(where, f"{path} is not executable", f"chmod +x {path}", "warning")
+    elif not declared(spec["image"], images) and not shutil.which(words[0], path=search):
         remedy = f"installing it, or ./{words[0]} for a program beside the manifest"
         yield Diagnostic(where, f"no program '{words[0]}' on this machine", remedy, "warning")
-
-
-def _path(spec: Mapping[str, Any]) -> str:
-    return str(spec.get("environment", {}).get("PATH") or os.environ.get("PATH", os.defpath))
 
 
 def _severity(source: Source, path: str) -> str:

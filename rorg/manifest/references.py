@@ -1,21 +1,91 @@
-"""What manifests say of each other: groups, cycles in `needs`, conflicts that can never be served."""
+"""References between manifests: names that must exist, groups, cycles in `needs`, unsolvable conflicts.
+
+Names are checked once all manifests are read, because any file may name any other.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from graphlib import TopologicalSorter
+from typing import Any
 
 from rorg.manifest.documents import Source
 from rorg.manifest.joining import place_of
-from rorg.model.catalog import DEVELOPER, Catalog, Group, Service
-from rorg.model.diagnostics import Diagnostic, Where, nearest
+from rorg.manifest.profiles import COMMON
+from rorg.model.catalog import DEVELOPER, EVERY, Catalog, Group, Request, Service
+from rorg.model.diagnostics import Diagnostic, Where, nearest, unknown
 from rorg.model.graph import closure, conflicting, cycles, overbooked
+
+Sources = Mapping[str, Source]
+"""Manifests of one kind by name."""
+
+
+def resolve(
+    source: Source, service: Service, groups: Mapping[str, Group], known: set[str]
+) -> tuple[Service, list[Diagnostic]]:
+    """The service with groups in `needs` and `conflicts` replaced by their members; unknown names are errors."""
+    diagnostics = []
+    resolved: dict[str, tuple[str, ...]] = {}
+    for field in ("needs", "conflicts"):
+        names: list[str] = []
+        written = [getattr(n, "service", n) for n in getattr(source.spec, field)]
+        for name in getattr(service, field):
+            own = name in written
+            where = source.where("spec", field, written.index(name)) if own else source.where("spec", "profile")
+            if field == "conflicts" and (name == service.name or name in service.needs):
+                what = "itself" if name == service.name else f"'{name}', which it needs"
+                diagnostics.append(Diagnostic(where, f"'{service.name}' conflicts with {what}", "dropping one of them"))
+            elif name not in known:
+                by = "" if own else f" (by profile '{', '.join(source.spec.profile or [COMMON])}')"
+                diagnostics.append(Diagnostic(where, f"{field} unknown service '{name}'{by}", nearest(name, known)))
+            names += [m for m in groups[name].services if m != service.name] if name in groups else [name]
+        resolved[field] = tuple(dict.fromkeys(names))
+    follows = {m for n in service.restarts_with for m in (groups[n].services if n in groups else [n])} - {service.name}
+    needs, conflicts = resolved["needs"], resolved["conflicts"]
+    return replace(service, needs=needs, conflicts=conflicts, restarts_with=tuple(sorted(follows))), diagnostics
+
+
+def unknown_profiles(source: Source, known: set[str]) -> Iterator[Diagnostic]:
+    """Profiles that a Service names and that do not exist."""
+    for index, name in enumerate(source.spec.profile or ()):
+        if name not in known:
+            at = ("spec", "profile", index)
+            where = source.where(*at) if at in source.document.values else source.where("spec", "profile")
+            yield unknown(where, "profile", name, known)
+
+
+def unknown_permitted(sources: Sources, known: set[str]) -> Iterator[Diagnostic]:
+    """Names that do not exist, in the fields that give a service permissions."""
+    for source in sources.values():
+        for field in ("may_request", "may_restart", "may_act_for"):
+            for index, other in enumerate(getattr(source.spec, field)):
+                if other not in known and (field, other) != ("may_act_for", EVERY):
+                    yield unknown(source.where("spec", field, index), "service", other, known)
+
+
+def requests_of(
+    sources: Sources, known: set[str], requesters: set[str]
+) -> tuple[tuple[Request, ...], list[Diagnostic]]:
+    """Standing requests, and the names in them that do not exist."""
+    diagnostics, found = [], []
+    for name, source in sources.items():
+        spec: Any = source.spec
+        if spec.requester not in requesters:
+            diagnostics.append(unknown(source.where("spec", "requester"), "requester", spec.requester, requesters))
+        for index, service in enumerate(spec.services):
+            if service not in known:
+                diagnostics.append(unknown(source.where("spec", "services", index), "service", service, known))
+        where, services = source.where("metadata", "name"), tuple(spec.services)
+        request = Request(name, spec.requester, services, spec.reason or "", standing=True, priority=spec.priority)
+        found.append(replace(request, where=where))
+    return tuple(found), diagnostics
 
 
 def expand_groups(
-    sources: Mapping[str, Source], services: Mapping[str, Service], broken: set[str]
+    sources: Sources, services: Mapping[str, Service], broken: set[str]
 ) -> tuple[dict[str, Group], list[Diagnostic]]:
-    """Groups with their members as services; unknown members and groups in a ring are errors."""
+    """Groups with services as their members. Unknown members, and groups that contain each other, are errors."""
     diagnostics: list[Diagnostic] = []
     graph: dict[str, list[str]] = {}
     for name, source in sources.items():
@@ -25,13 +95,12 @@ def expand_groups(
                 graph[name].append(member)
             elif member not in services and member not in broken:
                 where = source.where("spec", "services", index)
-                known = {*services, *sources}
-                diagnostics.append(Diagnostic(where, f"unknown service '{member}'", nearest(member, known)))
+                diagnostics.append(unknown(where, "service", member, {*services, *sources}))
     rings = cycles(graph)
     for cycle in rings:
         source = sources[cycle[0]]
-        index = list(source.spec.services).index(cycle[1])
-        where, what = source.where("spec", "services", index), f"groups contain each other: {' -> '.join(cycle)}"
+        where = source.where("spec", "services", list(source.spec.services).index(cycle[1]))
+        what = f"groups contain each other: {' -> '.join(cycle)}"
         diagnostics.append(Diagnostic(where, what, "breaking the cycle"))
     if rings:
         return {}, diagnostics
@@ -40,15 +109,13 @@ def expand_groups(
         members: list[str] = []
         for member in sources[name].spec.services:
             members += groups[member].services if member in groups else [member] if member in services else []
-        groups[name] = Group(
-            name, tuple(dict.fromkeys(members)), sources[name].description, sources[name].where("metadata", "name")
-        )
+        place = sources[name].where("metadata", "name")
+        groups[name] = Group(name, tuple(dict.fromkeys(members)), sources[name].description, place)
     return groups, diagnostics
 
 
-def check_cycles(services: Mapping[str, Service], sources: Mapping[str, Source]) -> list[Diagnostic]:
-    """A service that needs itself, through others or directly, can never start."""
-    diagnostics = []
+def check_cycles(services: Mapping[str, Service], sources: Sources) -> Iterator[Diagnostic]:
+    """Services that need themselves, directly or through others: they can never start."""
     for cycle in cycles({s.name: s.needs for s in services.values()}):
         source = sources[cycle[0]]
         written = [n.service for n in source.spec.needs]
@@ -58,104 +125,74 @@ def check_cycles(services: Mapping[str, Service], sources: Mapping[str, Source])
         else:
             where = place_of(source, joined[0]) if joined else source.where("spec")
         what = f"services need each other: {' -> '.join(cycle)}"
-        diagnostics.append(Diagnostic(where, what, "dropping one of these needs"))
-    return diagnostics
+        yield Diagnostic(where, what, "dropping one of these needs")
 
 
-def check_conflicts(catalog: Catalog, sources: Mapping[str, Source]) -> list[Diagnostic]:
-    """Services that would have to be active together and must not: one service's needs, all that is always on, or what
-    standing requests add to that."""
+def check_conflicts(catalog: Catalog, sources: Sources) -> Iterator[Diagnostic]:
+    """Services that conflict although one service needs both, both are always on, or standing requests name both."""
+    yield from _conflicting_needs(catalog, sources)
     roots = [s.name for s in catalog.services.values() if s.always_on]
-    diagnostics = _conflicting_needs(catalog, sources)
     for a, b in conflicting(catalog.services, closure(catalog.services, roots)):
-        source = sources[a if catalog.services[a].always_on else b]
-        diagnostics.append(
-            Diagnostic(_place(source, "always_on"), f"'{a}' and '{b}' conflict and are both always on", "dropping one")
-        )
-    return diagnostics + _conflicting_requests(catalog, roots)
+        where = _key(sources[a if catalog.services[a].always_on else b], "always_on")
+        yield Diagnostic(where, f"'{a}' and '{b}' conflict and are both always on", "dropping one")
+    yield from _conflicting_requests(catalog, roots)
 
 
-def _conflicting_needs(catalog: Catalog, sources: Mapping[str, Source]) -> list[Diagnostic]:
-    diagnostics = []
+def _conflicting_needs(catalog: Catalog, sources: Sources) -> Iterator[Diagnostic]:
     for name in sorted(catalog.services):
         for a, b in conflicting(catalog.services, closure(catalog.services, [name])):
-            diagnostics.append(
-                Diagnostic(
-                    _place(sources[name], "needs"),
-                    f"'{name}' needs both '{a}' and '{b}', which conflict",
-                    "dropping one",
-                )
-            )
+            message = f"'{name}' needs both '{a}' and '{b}', which conflict"
+            yield Diagnostic(_key(sources[name], "needs"), message, "dropping one")
         needs = catalog.services[name].needs
         if any(overbooked(catalog, closure(catalog.services, [n])) for n in needs):
-            continue  # it is said there
+            continue  # reported for that service
         for found in overbooked(catalog, closure(catalog.services, [name])):
-            diagnostics.append(
-                Diagnostic(
-                    _place(sources[name], "needs" if needs else "exclusive"),
-                    f"'{name}' can never be active: {found}",
-                    "fewer units, or `resources` in the Policy",
-                )
-            )
-    return diagnostics
+            where = _key(sources[name], "needs" if needs else "exclusive")
+            message = f"'{name}' can never be active: {found}"
+            yield Diagnostic(where, message, "fewer units, or `resources` in the Policy")
 
 
-def _conflicting_requests(catalog: Catalog, always_on: list[str]) -> list[Diagnostic]:
-    """One standing request after the other, each on top of those that count as long as rorg runs."""
-    diagnostics, roots = [], list(always_on)
+def _conflicting_requests(catalog: Catalog, always_on: Iterable[str]) -> Iterator[Diagnostic]:
+    """Adds one standing request after another to those whose requester is always active."""
+    roots = list(always_on)
     for request in catalog.requests:
         before = closure(catalog.services, roots)
+        named = [m for s in request.services for m in catalog.members(s)]
         if catalog.services[request.requester].meta:
-            roots += [m for s in request.services for m in catalog.members(s)]
-        names = before | closure(catalog.services, [m for s in request.services for m in catalog.members(s)])
+            roots += named
+        names = before | closure(catalog.services, named)
         for a, b in sorted(set(conflicting(catalog.services, names)) - set(conflicting(catalog.services, before))):
-            diagnostics.append(
-                Diagnostic(
-                    request.where,
-                    f"with this request both '{a}' and '{b}' would be wanted, which conflict",
-                    "dropping one",
-                )
-            )
-    return diagnostics
+            message = f"with this request both '{a}' and '{b}' would be wanted, which conflict"
+            yield Diagnostic(request.where, message, "dropping one")
 
 
-def _place(source: Source, field: str) -> Where:
+def _key(source: Source, field: str) -> Where:
     return source.where("spec", field, key=True)
 
 
-def check_spelling(sources: Iterable[Source]) -> list[Diagnostic]:
-    """Names of one kind that differ by case alone: files of the same name to some file systems, and to people. A
-    service and a group are of one kind here, since a request names either."""
+def check_spelling(sources: Iterable[Source]) -> Iterator[Diagnostic]:
+    """Names of one kind that differ only by case: some file systems, and people, take them for the same. Services and
+    groups count as one kind, because a request may name either."""
     first: dict[tuple[str, str], tuple[str, str]] = {("Service", DEVELOPER): (DEVELOPER, "built in")}
-    diagnostics = []
     for source in sources:
         kind = "Service" if source.kind == "Group" else source.kind
         where = source.where("metadata", "name")
         name, place = first.setdefault((kind, source.name.lower()), (source.name, f"at {where}"))
         if name != source.name:
             message = f"the name '{source.name}' differs only by case from '{name}', which is {place}"
-            diagnostics.append(Diagnostic(where, message, "another name"))
-    return diagnostics
+            yield Diagnostic(where, message, "another name")
 
 
-def check_container_names(services: Mapping[str, Service], sources: Mapping[str, Source]) -> list[Diagnostic]:
-    """Two services can have no container of the same name, and the engine wants two letters at the least."""
+def check_container_names(services: Mapping[str, Service], sources: Sources) -> Iterator[Diagnostic]:
+    """Names of containers that are used twice, or are shorter than the two characters that the engine requires."""
     owners: dict[str, str] = {}
-    diagnostics = []
     for name in sources:
-        service = services[name]
-        if len(service.container_name) < 2 and not service.meta:
-            message = f"a container cannot be called '{service.container_name}': a name has two letters at the least"
-            diagnostics.append(Diagnostic(sources[name].where("metadata", "name"), message, "container.container_name"))
-        first = owners.setdefault(service.container_name, name)
+        called = services[name].container_name
+        if len(called) < 2 and not services[name].meta:
+            message = f"a container cannot be called '{called}': a name needs at least two characters"
+            yield Diagnostic(sources[name].where("metadata", "name"), message, "container.container_name")
+        first = owners.setdefault(called, name)
         if first != name:
             both = sorted((first, name), key=lambda n: services[n].container_name == n)
             where = sources[both[0]].where("spec", "container", "container_name")
-            diagnostics.append(
-                Diagnostic(
-                    where,
-                    f"the container of '{both[1]}' is called '{service.container_name}' too",
-                    "another container_name",
-                )
-            )
-    return diagnostics
+            yield Diagnostic(where, f"the container of '{both[1]}' is called '{called}' too", "another container_name")

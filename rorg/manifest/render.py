@@ -1,4 +1,5 @@
-"""From one Service manifest and its profile to the service that is decided about, with its container rendered."""
+"""From a Service manifest and its profile to the Service that the planner decides about, with its container
+rendered."""
 
 from __future__ import annotations
 
@@ -6,28 +7,30 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+from rorg.manifest.container_files import parameters_of
 from rorg.manifest.documents import Source
 from rorg.manifest.driver import hardware
 from rorg.manifest.probes import FORMS
 from rorg.manifest.profiles import SHIPPED, Merged
 from rorg.manifest.rendered_container import container_of
-from rorg.manifest.ros_parameters import parameters_of
 from rorg.model.catalog import Idle, Probe, Service, Updating
 from rorg.model.diagnostics import Diagnostic
-from rorg.model.ros2 import without_master
+from rorg.model.policy import Budget, HistoryPolicy, ImagePolicy, Policy, Thresholds
+from rorg.model.ros import without_master
 
 ROS_MASTER = "http://localhost:11311"
-"""Where ROS 1 looks for its master when ROS_MASTER_URI is not set."""
+"""The default address of the ROS 1 master, without ROS_MASTER_URI."""
 
 
 INTERVALS = {"ready": 0.25, "live": 10.0, "interlock": 0.25}
-"""Seconds between two probes, where the manifest does not say. An exec costs the engine 50 ms, so it waits longer."""
+"""Seconds between two probes if the manifest does not say. An exec costs the engine 50 ms, so its interval is
+longer."""
 EXEC_INTERVAL = 1.0
 
 
 def render(source: Source, profile: Merged, policy: Any, engine: str = "") -> tuple[Service, list[Diagnostic]]:
-    """The service of a manifest. `profile` already stands on `common`; `policy` is the Policy's spec, or None; `engine`
-    the name of what is to run it, where that is known."""
+    """Returns the service of a manifest. `profile` already includes `common`; `policy` is the Policy's spec or None;
+    `engine` is the engine's name if it is known."""
     spec: Any = source.spec
     diagnostics, meta = list[Diagnostic](), spec.type == "meta"
     needs = list(spec.needs) + [n for n in profile.needs if n.service != source.name and not meta]
@@ -71,10 +74,10 @@ def render(source: Source, profile: Merged, policy: Any, engine: str = "") -> tu
 
 
 def _master(container: Mapping[str, Any]) -> str:
-    """The URI of the ROS 1 master that a container uses; empty for a program of ROS 2, so that none is ever asked."""
+    """The URI of the ROS 1 master that a container uses; empty for a ROS 2 program, so that rorg never asks a
+    master."""
     environment = container.get("environment", {})
-    words = [container.get(name) or () for name in ("entrypoint", "command")]
-    text = " ".join(word if isinstance(word, str) else " ".join(map(str, word)) for word in words)
+    text = " ".join((*(container.get("entrypoint") or ()), *(container.get("command") or ())))
     programs = [word.rpartition("/")[2] for word in text.split()]
     if without_master(environment, str(container.get("image") or ""), programs):
         return ""
@@ -82,7 +85,7 @@ def _master(container: Mapping[str, Any]) -> str:
 
 
 def _endless(source: Source, service: Service) -> list[Diagnostic]:
-    """A task that nobody can wait for."""
+    """Reports a task that can never complete, because it restarts whenever it ends."""
     if not (service.ready and service.ready.completed and service.restart == "always"):
         return []
     message = "a task that is restarted whenever it ends is never completed"
@@ -90,12 +93,12 @@ def _endless(source: Source, service: Service) -> list[Diagnostic]:
 
 
 PREWARM = {"auto": 0.2, "off": 0.0}
-"""Probabilities by name; why 0.2 is in docs/explanation/planning.md."""
+"""Probabilities by name; docs/explanation/planning.md explains the 0.2."""
 
 
 def _idle(spec: Any, profile: Merged, policy: Any) -> Idle:
-    """The Policy's, with what the profile and then the manifest say otherwise. What moves hardware does not begin
-    before anybody asks for it unless that is said of itself."""
+    """Merges `idle` of the Policy, the profile and the manifest. The Policy's `prewarm` does not apply to drivers:
+    hardware must not move before someone requests it, unless the manifest says so."""
     first = policy.idle.model_dump(exclude_none=True) if policy and policy.idle else {}
     if spec.driver is not None:
         first.pop("prewarm", None)
@@ -103,7 +106,7 @@ def _idle(spec: Any, profile: Merged, policy: Any) -> Idle:
 
 
 def idle_of(declared: Mapping[str, Any], otherwise: Idle = Idle()) -> Idle:
-    """What fields of `idle` come to, with those that are not declared as they are otherwise."""
+    """Converts declared fields of `idle`; the others keep their values from `otherwise`."""
     found = dict(declared)
     if "escalate" in found:
         found["escalate"] = found["escalate"]["after"], found["escalate"]["action"]
@@ -113,26 +116,43 @@ def idle_of(declared: Mapping[str, Any], otherwise: Idle = Idle()) -> Idle:
 
 
 ALL = "*"
-"""The set of those that say `atomic: true`; no set can be called so."""
+"""The set of all services with `atomic: true`. No set can have this name."""
 
 
 def _guard(spec: Any, policy: Any) -> tuple[bool, Any]:
-    """Whether it is protected, and what must allow that its container is touched."""
+    """Returns whether the service is protected, and the interlock that must allow touching its container."""
     driver = spec.driver is not None
     protected = driver if spec.protected is None else spec.protected
     return protected, spec.interlock or (policy.interlock if policy and (driver or protected) else None)
 
 
 def _updating(spec: Any, policy: Any) -> Updating:
-    """The Policy's, with what the manifest says otherwise."""
+    """Merges the Policy's `updates` with the manifest's `update`."""
     first = policy.updates.model_dump() if policy and policy.updates else {}
     said = {**first, **(spec.update.model_dump(exclude_none=True) if spec.update else {})}
     atomic = said.pop("atomic", False)
     return Updating(**said, atomic=atomic if isinstance(atomic, str) else ALL if atomic else "")
 
 
+def policy_of(spec: Any) -> Policy:
+    """Converts the spec of a Policy."""
+    budget, pressure = spec.budget, spec.pressure
+    return Policy(
+        spec.resync,
+        spec.bulk_workers,
+        Budget(**budget.model_dump()) if budget else None,
+        Thresholds(**pressure.model_dump()) if pressure else None,
+        dict(spec.resources),
+        spec.purge_ros,
+        spec.purge_shm,
+        spec.removals,
+        ImagePolicy(**spec.images.model_dump()) if spec.images else ImagePolicy(),
+        HistoryPolicy(**spec.history.model_dump()) if spec.history else HistoryPolicy(),
+    )
+
+
 def probe(model: Any, role: str, master: str = "") -> Probe | None:
-    """A probe as the loop asks it; `role` is ready, live or interlock."""
+    """Converts a probe for the loop; `role` is ready, live or interlock."""
     if model is None:
         return None
     parts = tuple(_question(part, role, master, model) for part in getattr(model, "all", None) or ())
@@ -143,7 +163,7 @@ def probe(model: Any, role: str, master: str = "") -> Probe | None:
 
 
 def _question(model: Any, role: str, master: str, whole: Any) -> Probe:
-    """One question of a probe; `whole` says what holds for all of them."""
+    """Converts one question of a probe; timeout and failures come from the `whole` probe."""
     kind = next(name for name in FORMS if getattr(model, name, None) is not None)
     target = getattr(model, kind)
     if kind == "tcp":

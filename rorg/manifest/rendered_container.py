@@ -1,4 +1,4 @@
-"""The container of one service: its profile, what the manifest says, and what that names files for, as one mapping."""
+"""The container of one service as one mapping: its profile, its own options, and the files that they name."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from rorg.model.volumes import mounted_at
 def container_of(
     source: Source, profile: Merged, diagnostics: list[Diagnostic], engine: str
 ) -> tuple[dict[str, Any], Origins, tuple[str, ...]]:
-    """Its options, what declares each, and which of its variables are secret."""
+    """Returns the options, the origin of each, and the names of secret variables."""
     spec: Any = source.spec
     options = substitute(dict(profile.container), values_of(source))
     origins = profile.origins
@@ -53,21 +53,18 @@ def container_of(
     options["image"] = spec.image
     if spec.command is not None:
         options["command"] = list(spec.command)
-    return (
-        options,
-        origins,
-        tuple(sorted({*of_files, *(n for n in spec.secrets if n in options.get("environment", {}))})),
-    )
+    secrets = {*of_files, *(n for n in spec.secrets if n in options.get("environment", {}))}
+    return options, origins, tuple(sorted(secrets))
 
 
 def _without(source: Source, options: dict[str, Any], diagnostics: list[Diagnostic]) -> dict[str, Any]:
-    """The same but for variables that the manifest does not want of its profile."""
+    """The options without the variables of the profile that the manifest unsets."""
     spec, known = cast(Any, source.spec), options.get("environment", {})
     own = declared(spec.container).get("environment", {})
     for index, name in enumerate(spec.unset_environment):
         where = source.where("spec", "unset_environment", index)
         if name in own:
-            diagnostics.append(Diagnostic(where, f"'{name}' is given and unset at once", "one of them"))
+            diagnostics.append(Diagnostic(where, f"'{name}' is both set and unset", "one of them"))
         elif name not in known:
             remedy = nearest(name, known) or "leaving it out"
             diagnostics.append(Diagnostic(where, f"no profile of it gives '{name}'", remedy))
@@ -76,24 +73,24 @@ def _without(source: Source, options: dict[str, Any], diagnostics: list[Diagnost
 
 
 def parts(source: Source, profile: Merged, diagnostics: list[Diagnostic]) -> Iterator[tuple[dict[str, Any], str]]:
-    """What the manifest itself puts on its profile, with the part of it that says so."""
+    """Yields the options that the manifest adds to its profile, with the name of the part that adds them."""
     spec: Any = source.spec
     if spec.driver:
         yield options_of(spec.driver, profile.without_hardware), "driver"
     own = declared(spec.container)
     mounts = [m for m in _mounts(source, diagnostics) if m not in own.get("volumes", ())] if spec.mounts else []
-    if mounts:  # not merged: a volume of this manifest at the same place is a mistake
+    if mounts:  # not merged: a volume of this manifest at the same target is a mistake
         own = {**own, "volumes": own.get("volumes", []) + mounts}
     yield own, "this manifest"
     if spec.may_request or spec.may_manage or spec.may_act_for:
         folder = f"{RUN}/services/{source.name}"
-        # The directory, never the socket: a mounted socket is dead for ever once rorg was restarted.
+        # The directory, not the socket: after a restart of rorg, a mounted socket is dead.
         socket = {"RORG_SOCKET": f"{folder}/rorg.sock"}
         yield {"volumes": [f"{folder}:{folder}:ro"], "environment": socket}, "may_request"
 
 
 def values_of(source: Source) -> dict[str, str]:
-    """What a profile may leave open, for one service."""
+    """Values for the placeholders of a profile, for one service."""
     resources = source.spec.resources
     return {
         "${service}": source.name,
@@ -103,7 +100,7 @@ def values_of(source: Source) -> dict[str, str]:
 
 
 def substitute(value: Any, values: Mapping[str, str]) -> Any:
-    """The same with what a profile left open filled in."""
+    """Fills in the placeholders of a profile."""
     if isinstance(value, str):
         return re.sub(r"\$\{[a-z.]+\}", lambda m: values.get(m[0], m[0]), value)
     if isinstance(value, dict):
@@ -119,18 +116,15 @@ def _mounts(source: Source, diagnostics: list[Diagnostic]) -> list[str]:
         if not target.startswith("/") or ":" in target or not local or local.startswith("/"):
             diagnostics.append(Diagnostic(where, f"'{mount}' is not a mount", "./dir:/path/in/container"))
         elif not os.path.exists(source.directory / local):
-            diagnostics.append(
-                Diagnostic(
-                    where, f"'{local}' does not exist beside this manifest", "creating it", code="missing-mount-source"
-                )
-            )
+            message = f"'{local}' does not exist beside this manifest"
+            diagnostics.append(Diagnostic(where, message, "creating it", code="missing-mount-source"))
         else:
             volumes.append(f"{real(source.directory / local)}:{target}:ro")
     return volumes
 
 
 def absolute(volume: Any, directory: Path) -> Any:
-    """Sources that begin with `./`, `../` or `~/` are paths, relative to the manifest; others are volumes."""
+    """Makes paths that begin with `./`, `../` or `~/` absolute, relative to the manifest; other sources are volumes."""
     if isinstance(volume, dict):
         if volume["type"] == "bind" and not volume["source"].startswith("/"):
             return {**volume, "source": str(real(directory / os.path.expanduser(volume["source"])))}
@@ -144,7 +138,7 @@ def absolute(volume: Any, directory: Path) -> Any:
 
 
 def _check(source: Source, options: dict[str, Any], origins: Origins) -> list[Diagnostic]:
-    """What only shows when profile and manifest have come together."""
+    """Checks that need profile and manifest together."""
     late = {k: v for k, v in options.items() if k != "healthcheck" and "${" in json.dumps(v).replace(RUN, "/run/rorg")}
     if "volumes" in late:
         late["volumes"] = [v for v in late["volumes"] if not str(v).startswith(RUN)]
@@ -157,11 +151,11 @@ def _check(source: Source, options: dict[str, Any], origins: Origins) -> list[Di
 
 
 def _as_diagnostic(source: Source, options: dict[str, Any], origins: Origins, clash: Clash) -> Diagnostic:
-    """At its place in the manifest, or where that names the profile which brought it."""
+    """Places a clash: at its line in the manifest, or at the name of the profile that brought it."""
     option, below = str(clash.path[0]), clash.path[1:]
     spec: Any = source.spec
     own, ours = declared(spec.container), False
-    if option == "volumes" and below:  # the list began with the profile's
+    if option == "volumes" and below:  # the profile's volumes come first in the list
         place = mounted_at(options["volumes"][below[0]])
         below = tuple(i for i, volume in enumerate(own.get("volumes", ())) if mounted_at(volume) == place)[-1:]
     elif isinstance(options.get(option), list) and below:

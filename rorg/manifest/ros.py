@@ -1,4 +1,4 @@
-"""What a Service says of ROS 1: parameters, as roslaunch and rosparam have them."""
+"""`ros` of a Service: parameters of ROS 1, in the form of roslaunch and rosparam."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rorg.manifest.fields import Written, unchanging
 from rorg.manifest.option_forms import Strict
 
 NAME = r"^(/[A-Za-z_][A-Za-z0-9_]*)+$"
-"""An absolute name of the graph: https://wiki.ros.org/Names."""
+"""An absolute name in the ROS graph: https://wiki.ros.org/Names."""
 FILE = "file"
 UNSENDABLE = re.compile(r"[^\t\n\r\x20-\uD7FF\uE000-\uFFFD\U00010000-\U0010FFFF]")
 """Characters that XML 1.0 cannot carry."""
@@ -25,8 +25,8 @@ def _absolute(name: str) -> str:
 
 
 def sendable(value: Any) -> Any:
-    """The value of a parameter, as it is. Raises ValueError for what cannot be one: XML-RPC has integers of 32 bits,
-    and nothing for null."""
+    """Returns the value of a parameter unchanged. Raises ValueError if XML-RPC cannot carry it: it has integers of 32
+    bits, and no null."""
     if isinstance(value, bool):
         return value
     if isinstance(value, int) and not -(1 << 31) <= value < 1 << 31:
@@ -56,11 +56,11 @@ Parameter = Annotated[
 
 
 class Ros(Strict):
-    """What the ROS 1 master of a service is given."""
+    """Settings at the ROS 1 master of a service."""
 
     parameters: dict[ParameterName, Parameter] = unchanging(
         "Parameters by absolute name, set before each start of the service and again after each restart of its master. "
-        "{file: PATH} is the text of a file beside the manifest. A change of a value is set at once.",
+        "{file: PATH} is the text of a file beside the manifest. A changed value is set immediately.",
         {"/robot_name": "freight", "/robot_description": {"file": "./urdf/robot.urdf"}},
         dict,
     )
@@ -75,6 +75,6 @@ class Ros(Strict):
 
 
 def file_of(value: Any) -> str:
-    """The path that a parameter's value names; empty for one that is the value itself."""
+    """The path that a parameter's value names; empty if it is a plain value."""
     named = value[FILE] if isinstance(value, dict) and value.keys() == {FILE} else ""
     return named if isinstance(named, str) else ""

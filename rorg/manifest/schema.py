@@ -1,6 +1,6 @@
 """JSON Schemas of the kinds, generated from the models: `python -m rorg.manifest.schema DIR [--check]`.
 
-An editor that follows the modeline of a manifest completes and checks with them.
+An editor that follows the modeline of a manifest uses them to complete and to check.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from rorg.manifest.traces import TraceSpec
 from rorg.manifest.workloads import WorkloadSpec
 
 BESIDE: dict[str, type[BaseModel]] = {"Trace": TraceSpec, "Workload": WorkloadSpec}
-"""Kinds of documents that are no part of a tree."""
+"""Kinds of documents outside a tree."""
 
 
 def schema(kind: str) -> dict[str, Any]:
-    """The schema of one kind, its envelope included."""
+    """Returns the schema of one kind, envelope included."""
     model, form = {**SPECS, **BESIDE}[kind], ENVELOPES.get(kind, Manifest)
     spec = model.model_json_schema(by_alias=True)
     envelope = form.model_json_schema()
@@ -43,15 +43,15 @@ def schema(kind: str) -> dict[str, Any]:
 
 
 def below(model: type[BaseModel]) -> list[type[BaseModel]]:
-    """A mapping with all that are somewhere in it, each once."""
+    """Returns a model and every model below it, each once."""
     found = [model]
-    for one in found:  # it grows meanwhile
+    for one in found:  # it grows during the loop
         found += [f.model for f in fields_of(one).values() if f.model and f.model not in found]
     return list(dict.fromkeys(found))
 
 
 def _tell(definition: dict[str, Any], texts: Mapping[str, FieldText]) -> None:
-    """Puts what is told of each field into its property, as an editor shows it."""
+    """Adds meaning, default and type of each field to its property, for editors to show."""
     for name, told in texts.items():
         found = definition["properties"][name]
         default = "" if told.required or told.default == UNSET else f" Default: {told.default}."
@@ -60,10 +60,10 @@ def _tell(definition: dict[str, Any], texts: Mapping[str, FieldText]) -> None:
         if isinstance(found.get("default"), int | float) and not isinstance(found["default"], bool):
             found["default"] = told.default if told.form in ("duration", "size") else found["default"]
         elif found.get("default", "") is None:
-            del found["default"]  # null is what holds inside, and nothing to write
+            del found["default"]  # null is the internal default; it is never written
 
 
-# What a validator turns into the model's type before it is checked: (type of the field, what may be written).
+# Name of a field -> the forms that a validator converts to the type of the model.
 _WORDS = [{"type": "string"}, {"type": "array", "items": {"type": "string"}}]
 _SCALAR = {"type": ["string", "number"]}
 _PAIR = {"type": ["string", "number", "boolean", "null"]}
@@ -107,7 +107,7 @@ _PAIRS = ("environment", "labels", "annotations", "sysctls", "storage_opt", "opt
 
 
 def _loosen(value: Any) -> Any:
-    """The written forms of fields that accept several; everything else as pydantic says."""
+    """Allows all written forms of fields that accept several; the rest stays as pydantic generates it."""
     if isinstance(value, list):
         return [_loosen(item) for item in value]
     if not isinstance(value, dict):
@@ -119,7 +119,7 @@ def _loosen(value: Any) -> Any:
     properties: dict[str, Any] = fields if isinstance(fields, dict) else {}
     for name, field in properties.items():
         if any("$ref" in form for form in field.get("anyOf", ())):
-            continue  # a mapping of its own, such as tmpfs of a mount
+            continue  # a mapping with its own model, such as tmpfs of a mount
         if name == "devices" and "DriverDevice" in field.get("items", {}).get("$ref", ""):
             field["items"] = {"anyOf": [{"type": "string"}, field["items"]]}
             continue
@@ -137,7 +137,7 @@ def _loosen(value: Any) -> Any:
 
 
 def _or_variable(field: dict[str, Any]) -> dict[str, Any]:
-    """A number or a boolean, or a variable of robot.env that has one."""
+    """Allows a variable of robot.env in place of a number or a boolean."""
     if field.get("type") in _PLAIN:
         kept = {k: v for k, v in field.items() if k in _TOLD}
         return {"anyOf": [{k: v for k, v in field.items() if k not in _TOLD}, _VARIABLE], **kept}
@@ -148,7 +148,7 @@ def _or_variable(field: dict[str, Any]) -> dict[str, Any]:
 
 
 def write(folder: Path, check: bool) -> list[str]:
-    """Writes all schemas; with `check`, only says which files differ."""
+    """Writes all schemas and returns the names of outdated files; with `check`, writes nothing."""
     stale = []
     folder.mkdir(parents=True, exist_ok=True)
     for kind in (*SPECS, *BESIDE):

@@ -1,4 +1,4 @@
-"""Which values of a tree are secret: those that Services name, and what comes from files of variables."""
+"""Finds the secret values of a tree: those that Services name, and those from files of variables."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from rorg.model.image_names import declared
 def secrets_of(
     services: Mapping[str, Service], images: Mapping[str, Image], sources: Mapping[str, Source]
 ) -> tuple[dict[str, Image], list[Diagnostic]]:
-    """The Images with those of their arguments that are secret, by the word of a service that is made from them. A name
-    that means nothing is an error: most likely it is misspelt, and hides nothing. A value that is too short to be told
-    from other text is worth a warning."""
+    """Marks build arguments as secret if a service that uses the Image declares them secret. A name that does not exist
+    is an error: it is probably misspelt and hides nothing. A value that is too short to be found in other text is a
+    warning."""
     found, diagnostics = dict(images), list[Diagnostic]()
     for name, source in sources.items():
         service = services[name]
@@ -36,18 +36,17 @@ def secrets_of(
             if not values:
                 known = {*variables, *(a for i in under for a in images[i].args)}
                 remedy = nearest(secret, known) or "naming one that is in container.environment or an env_file"
-                message = f"'{secret}' is no variable of '{name}', and no argument of its image"
+                message = f"'{secret}' is neither a variable of '{name}' nor an argument of its image"
                 diagnostics.append(Diagnostic(where, message, remedy))
             elif any(0 < len(value) < SHORTEST_SECRET for value in values):
                 message = f"the value of '{secret}' is too short to be hidden where it is part of other text"
-                diagnostics.append(
-                    Diagnostic(where, message, f"one of at least {SHORTEST_SECRET} characters", "warning")
-                )
+                remedy = f"one of at least {SHORTEST_SECRET} characters"
+                diagnostics.append(Diagnostic(where, message, remedy, "warning"))
     return found, diagnostics
 
 
 def _under(image: str, images: Mapping[str, Image]) -> list[str]:
-    """The Images that a reference means, and stands on."""
+    """The Image of a reference, and all Images below it."""
     found: list[str] = []
     pending = [image]
     while pending:
@@ -59,7 +58,7 @@ def _under(image: str, images: Mapping[str, Image]) -> list[str]:
 
 
 def unread_secrets(root: Path, overlay: Mapping[Path, str | None], broken: Collection[str]) -> dict[str, Service]:
-    """What can be told of the secrets in manifests that are wrong by themselves, as services that have nothing else."""
+    """Secrets of manifests that are invalid on their own, as services that have nothing else."""
     found = {}
     for path in manifest_files(root):
         if path.stem not in broken:

@@ -1,4 +1,4 @@
-"""The kind Service as pydantic models. A change of a `none` field costs a running container nothing."""
+"""The kind Service as pydantic models. A change of a field marked `none` does not touch a running container."""
 
 from __future__ import annotations
 
@@ -11,11 +11,10 @@ from rorg.manifest import option_checks as check
 from rorg.manifest.container import ContainerOptions
 from rorg.manifest.driver import Driver
 from rorg.manifest.fields import Written, recreate, unchanging
-from rorg.manifest.option_forms import Strict, Words
+from rorg.manifest.option_forms import Memory, Name, Strict, Words
 from rorg.manifest.policy import Idle, Units, Update
 from rorg.manifest.probes import Interlock, Live, Ready
 from rorg.manifest.ros import Ros
-from rorg.manifest.scalars import Memory, Name
 from rorg.model.units import NAME
 
 Priority = Annotated[int, Field(ge=0, le=100)]
@@ -31,14 +30,10 @@ class Resources(Strict):
 
 
 class Need(Strict):
-    """A service that must be active, and ready, before this one."""
+    """A service that must be active and ready before this one."""
 
     service: Name = unchanging("A service, or a group.", "roscore", ...)
-    restart: bool = unchanging("Restart this service too, whenever that one was restarted or replaced.", True, False)
-
-
-def _need(value: object) -> object:
-    return {"service": value} if isinstance(value, str) else value
+    restart: bool = unchanging("Restart this service too whenever that one is restarted or replaced.", True, False)
 
 
 def _on_change(value: object) -> object:
@@ -57,17 +52,10 @@ NAMED = {"type": "string", "pattern": NAME}
 SECRET = r"^[A-Za-z_][A-Za-z0-9_.-]{0,254}$"
 VARIABLE = r"^[A-Za-z_*?][A-Za-z0-9_*?]*$"
 
-
-def _inherited(value: object) -> object:
-    return ["*"] if value == "all" else value
-
-
 Inherited = Annotated[
     list[Annotated[str, Field(pattern=VARIABLE)]],
-    BeforeValidator(_inherited),
-    WithJsonSchema(
-        {"anyOf": [{"const": "all"}, {"type": "array", "items": {"type": "string", "pattern": VARIABLE}}]},
-    ),
+    BeforeValidator(lambda value: ["*"] if value == "all" else value),
+    WithJsonSchema({"anyOf": [{"const": "all"}, {"type": "array", "items": {"type": "string", "pattern": VARIABLE}}]}),
     Written("all | list of names and patterns"),
 ]
 OnChange = Annotated[
@@ -83,32 +71,20 @@ ProfileNames = Annotated[
     WithJsonSchema({"anyOf": [NAMED, {"type": "array", "items": NAMED, "minItems": 1}]}),
     Written("name | list of name"),
 ]
-Needs = list[Annotated[Need, BeforeValidator(_need), Written("name | Need")]]
+_NeedForm = BeforeValidator(lambda value: {"service": value} if isinstance(value, str) else value)
+Needs = list[Annotated[Need, _NeedForm, Written("name | Need")]]
 Restart = Literal["always", "on-failure", "never"]
 
 
-def _container_only(spec: ServiceSpec) -> list[str]:
-    names = (
-        "image",
-        "command",
-        "profile",
-        "idle",
-        "update",
-        "ready",
-        "live",
-        "interlock",
-        "ros",
-        "driver",
-        "mounts",
-        "container",
-        "restart",
-        "inherit_environment",
-    )
-    return [n for n in names if getattr(spec, n) is not None]
+_OF_CONTAINERS = (
+    *("image", "command", "profile", "idle", "update", "ready", "live", "interlock", "ros", "driver", "mounts"),
+    *("container", "restart", "inherit_environment"),
+)
+"""Fields that a meta-service cannot have."""
 
 
 class ServiceSpec(Strict):
-    """A service: what runs, what it needs, and when it may end."""
+    """A service: its program, what it needs, and when it may stop."""
 
     type: Literal["container", "meta"] = unchanging("meta: no container, always active.", "meta", "container")
     image: Annotated[str, Field(min_length=1), check.IMAGE] | None = recreate(
@@ -116,30 +92,30 @@ class ServiceSpec(Strict):
         "fetch-navigation",
     )
     command: Words | None = recreate(
-        "What runs in the container; a text is split into words as a shell does, without being run by one.",
+        "The command line. A text is split into words like in a shell, but no shell runs it.",
         "roslaunch /root/navigation/fetch_nav.launch --wait",
         unset="the image's",
     )
     profile: ProfileNames | None = unchanging(
-        "A Profile: built in (plain, ros1, ros2, realtime, gpu, x11) or of this tree; or several, as one that extends "
-        "them in this order. plain: nothing but what is declared here.",
+        "A Profile: built in (plain, ros1, ros2, realtime, gpu, x11) or of this tree. Several act as one that extends "
+        "them in this order. plain: only what is declared here.",
         ["ros1", "realtime"],
         unset="common",
     )
     needs: Needs = unchanging(
-        "Services that must be active, and ready, before this one: NAME, or {service: NAME, restart: true}.",
+        "Services that must be active and ready before this one: NAME, or {service: NAME, restart: true}.",
         ["localization", {"service": "roscore", "restart": True}],
         list,
     )
     always_on: bool = unchanging("Active as long as rorg runs, without a request.", True, False)
-    conflicts: list[Name] = unchanging("Services that must not be active beside this one.", ["mapping"], list)
+    conflicts: list[Name] = unchanging("Services that must not be active together with this one.", ["mapping"], list)
     idle: Idle | None = unchanging(
-        "What happens to it when it is no longer wanted.", {"action": "pause", "linger": "20s"}, unset="stop at once"
+        "What happens to it when it is no longer wanted.",
+        {"action": "pause", "linger": "20s"},
+        unset="stop immediately",
     )
     update: Update | None = unchanging(
-        "How a change of it comes into use.",
-        {"bake": "1m", "atomic": "navigation"},
-        unset="the Policy's `updates`",
+        "How a change of it is rolled out.", {"bake": "1m", "atomic": "navigation"}, unset="the Policy's `updates`"
     )
     ready: Ready | None = unchanging(
         "When it counts as ready, once it runs.", {"ros_node": "/move_base", "timeout": "30s"}, unset="when it runs"
@@ -150,34 +126,32 @@ class ServiceSpec(Strict):
         unset="not probed",
     )
     protected: bool | None = unchanging(
-        "Never ceased because the machine is under pressure.", True, unset="true for drivers, else false"
+        "Never stopped because the machine is under pressure.", True, unset="true for drivers, else false"
     )
     interlock: Interlock | None = unchanging(
-        "What must allow it before its container is started, paused, stopped or removed.",
+        "A check that must allow it before its container is started, paused, stopped or removed.",
         {"file": "/run/robot/arm-is-parked"},
-        unset="for drivers and protected services the Policy's, else nothing",
+        unset="the Policy's for drivers and protected services, else none",
     )
     exclusive: Units = unchanging(
-        "Resources of which the machine has few: [gpu], or {gpu: 1}. The Policy says how many there are; 1 where it "
-        "does not.",
+        "Resources that few services can use at a time: [gpu], or {gpu: 1}. The Policy sets how many exist; by "
+        "default 1.",
         {"gpu": 1},
         dict,
     )
     may_request: list[Name] = recreate(
-        "Services and groups that this service may request by itself. Gives it rorg's socket.", ["driving"], list
+        "Services and groups that this service may request itself. Gives it rorg's socket.", ["driving"], list
     )
-    may_restart: list[Name] = unchanging(
-        "Services and groups that it may restart, beside requesting something.", ["usb_cam"], list
-    )
+    may_restart: list[Name] = unchanging("Services and groups that it may restart.", ["usb_cam"], list)
     may_act_for: list[Name | Literal["*"]] = recreate(
-        "Services and groups in whose name it may act, within what their manifests allow to them: for a bridge that "
-        'they call. "*" is every service, but not `developer`. Gives it rorg\'s socket.',
+        "Services and groups for which it may act, within their own permissions, as a bridge does for its "
+        'callers. "*" is every service except `developer`. Gives it rorg\'s socket.',
         ["*"],
         list,
     )
     may_manage: list[Annotated[str, Field(pattern=r"^[A-Za-z0-9_.*?-]{1,64}$")]] = recreate(
-        "Patterns of names, such as lab-*: services that it may create, change, remove, request and restart, within "
-        "what it may itself. Gives it rorg's socket.",
+        "Patterns of names, such as lab-*, of services that it may create, change, remove, request and restart, "
+        "within its own permissions. Gives it rorg's socket.",
         ["lab-*"],
         list,
     )
@@ -194,7 +168,7 @@ class ServiceSpec(Strict):
         Resources,
     )
     ros: Ros | None = unchanging(
-        "What the ROS 1 master is given for it.", {"parameters": {"/robot_name": "freight", "/move_base/max_vel": 0.5}}
+        "Its settings at the ROS 1 master.", {"parameters": {"/robot_name": "freight", "/move_base/max_vel": 0.5}}
     )
     driver: Driver | None = recreate(
         "Hardware that it talks to: it gets these devices and no others.", {"devices": ["/dev/ttyUSB0:/dev/base"]}
@@ -204,16 +178,16 @@ class ServiceSpec(Strict):
         ["./navigation:/root/navigation"],
     )
     inherit_environment: Inherited | None = recreate(
-        "Variables that a process has of the environment of `rorg run`: names and patterns, or all. What `container` "
-        "says wins. On the process engine; containers have none of it.",
+        "Variables that a process inherits from the environment of `rorg run`: names and patterns, or all. Variables "
+        "in `container` win. For the process engine only.",
         ["ROS_*", "DISPLAY"],
     )
     unset_environment: list[Annotated[str, Field(pattern=SECRET)]] = recreate(
-        "Variables that its profile gives and it does not want.", ["ROS_HOSTNAME"], list
+        "Variables of its profile to remove.", ["ROS_HOSTNAME"], list
     )
     secrets: list[Annotated[str, Field(pattern=SECRET)]] = unchanging(
-        "Names of variables, or of build arguments of its image, whose values are shown and recorded nowhere. What "
-        "comes from an env_file is secret by itself.",
+        "Names of variables, or of build arguments of its image, whose values rorg never shows or records. Variables "
+        "from an env_file are always secret.",
         ["MAP_SERVER_KEY"],
         list,
     )
@@ -224,7 +198,7 @@ class ServiceSpec(Strict):
     @model_validator(mode="after")
     def _type(self) -> ServiceSpec:
         if self.type == "meta":
-            extra = _container_only(self)
+            extra = [name for name in _OF_CONTAINERS if getattr(self, name) is not None]
             if extra:
                 raise ValueError(f"a meta service has no container: drop {', '.join(extra)}")
         elif self.image is None:

@@ -1,16 +1,17 @@
 """Variables in one text, as Compose fills them in.
 
-`$NAME` and `${NAME}` stand for a value, `$$` for one dollar sign. Within braces an operator says what holds otherwise:
+`$NAME` and `${NAME}` are replaced by the value, `$$` by a dollar sign. An operator within braces handles unset
+variables:
 
 | form | gives |
 |---|---|
-| `${NAME:-text}`, `${NAME-text}` | the text where NAME is unset or empty; only where it is unset |
-| `${NAME:?text}`, `${NAME?text}` | an error that cites the text where NAME is unset or empty; only where it is unset |
-| `${NAME:+text}`, `${NAME+text}` | the text where NAME is set and not empty; where it is set; else nothing |
+| `${NAME:-text}`, `${NAME-text}` | the text if NAME is unset or empty; only if it is unset |
+| `${NAME:?text}`, `${NAME?text}` | an error with the text if NAME is unset or empty; only if it is unset |
+| `${NAME:+text}`, `${NAME+text}` | the text if NAME is set and not empty; if it is set; else nothing |
 
-The text of an operator may have variables itself, and ends at the brace that closes it. A dollar sign before anything
-else stays. An unset variable without an operator is empty. Values are not looked at again. The source of these rules
-is the Compose Specification ("Interpolation") and what Docker Compose 2.26 answers.
+The text of an operator may contain variables, and ends at the closing brace. A dollar sign before anything else stays.
+An unset variable without an operator is empty. Values are not expanded again. These rules come from the Compose
+Specification ("Interpolation") and from the behaviour of Docker Compose 2.26.
 """
 
 from __future__ import annotations
@@ -20,14 +21,15 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 Lookup = Callable[[str], "str | None"]
-"""The value of a variable; None where it is not set."""
+"""Returns the value of a variable; None if it is not set."""
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _OPERATORS = (":-", ":?", ":+", "-", "?", "+")
 MOST_DEPTH = 50
-"""Of variables within each other's texts."""
+"""Nesting of variables in texts of operators."""
 MOST_FILLED = 256 << 10
-"""Characters that variables put into the texts of one file: each may name others, and so double what they say."""
+"""Characters that variables may add to one file. Without a limit, each variable could double the text by naming another
+one twice."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,13 +45,13 @@ class Variable:
 
 
 Piece = str | Variable
-"""Of a parsed text: what stays as it is (with `$` for `$$`), and references."""
+"""A piece of a parsed text: plain text (with `$` for `$$`), or a reference."""
 
 
 @dataclass(frozen=True, slots=True)
 class Refused:
-    """Why a text cannot be filled in. `name`: the variable that is required and not set; empty where the form is wrong.
-    `offset` counts characters of the text from 0."""
+    """Why a text cannot be filled in. `name`: the required variable that is not set; empty for a syntax error. `offset`
+    counts characters from 0."""
 
     offset: int
     message: str
@@ -59,8 +61,8 @@ class Refused:
 
 @dataclass(frozen=True, slots=True)
 class Filled:
-    """A text with its variables filled in. `used`: every variable it names, in order; `unset`: those of them that were
-    not set where nothing was said for that, so that they became empty."""
+    """A text with its variables filled in. `used`: all variables in it, in order; `unset`: those that became empty
+    because they are not set and have no operator."""
 
     text: str
     used: tuple[str, ...] = ()
@@ -73,13 +75,13 @@ class _Wrong(Exception):
 
 
 class Budget:
-    """What variables may still put into the texts of one file."""
+    """Counts down how much variables may still add to one file."""
 
     def __init__(self) -> None:
         self.left = MOST_FILLED
 
     def take(self, variable: Variable, value: str) -> str:
-        """The value of a variable, where there is room for it."""
+        """Returns the value of a variable, or raises if it is too long."""
         self.left -= len(value)
         if self.left < 0:
             message = (
@@ -98,8 +100,7 @@ def parse(text: str) -> tuple[Piece, ...] | Refused:
 
 
 def interpolate(text: str, lookup: Lookup, budget: Budget | None = None) -> Filled | Refused:
-    """The text with its variables filled in, or the first reason why not. `budget`: of its file, where it is not the
-    only text of it."""
+    """Fills in the variables of a text, or returns the first error. Texts of one file share a `budget`."""
     if "$" not in text:
         return Filled(text)
     pieces = parse(text)
@@ -113,7 +114,7 @@ def interpolate(text: str, lookup: Lookup, budget: Budget | None = None) -> Fill
 
 
 def reference_at(text: str, offset: int) -> Variable | Refused:
-    """The reference in braces that begins at an offset, whatever follows it."""
+    """Parses the reference in braces at an offset and ignores the rest."""
     try:
         return _Parser(text).braced(offset, 0)[0]
     except _Wrong as wrong:
@@ -121,7 +122,7 @@ def reference_at(text: str, offset: int) -> Variable | Refused:
 
 
 def variables(pieces: tuple[Piece, ...]) -> Iterator[Variable]:
-    """All references, those in texts of operators too."""
+    """All references, including those in texts of operators."""
     for piece in pieces:
         if isinstance(piece, Variable):
             yield piece
@@ -129,7 +130,7 @@ def variables(pieces: tuple[Piece, ...]) -> Iterator[Variable]:
 
 
 def escaped(text: str) -> str:
-    """A text that gives this one when it is interpolated."""
+    """Escapes a text, so that interpolation returns it unchanged."""
     return text.replace("$", "$$")
 
 
@@ -138,8 +139,8 @@ class _Parser:
         self.text = text
 
     def pieces(self, at: int, depth: int) -> tuple[tuple[Piece, ...], int]:
-        """From there to the end of the text, or within braces (depth > 0) to the brace that closes them; with where
-        that is. Braces of plain text are counted, as in `${A:-{}}`."""
+        """Parses to the end of the text, or to the closing brace if inside braces (depth > 0); returns the pieces and
+        the end. Braces of plain text are counted, as in `${A:-{}}`."""
         found: list[Piece] = []
         plain, inner, text = at, 0, self.text
         while at < len(text):
@@ -192,7 +193,7 @@ class _Parser:
 
 
 def _joined(pieces: list[Piece]) -> Iterator[Piece]:
-    """Plain texts beside each other are one; empty ones are none."""
+    """Joins adjacent plain texts and drops empty ones."""
     plain = ""
     for piece in pieces:
         if isinstance(piece, str):
@@ -211,7 +212,8 @@ def _fill(pieces: tuple[Piece, ...], lookup: Lookup, unset: dict[str, None], bud
 
 
 def _value(variable: Variable, lookup: Lookup, unset: dict[str, None], budget: Budget) -> str:
-    """Also a text that is not needed is filled in, so that what is required in it is, as in Compose."""
+    """The value of one reference. An unused text is filled in too, so that required variables in it are checked, like
+    Compose does."""
     value, operator = lookup(variable.name), variable.operator
     budget.take(variable, value or "")
     argument = _fill(variable.argument, lookup, unset, budget)

@@ -1,4 +1,4 @@
-"""Options of one container that the engine does not take together, in the container as it is rendered."""
+"""Options of one rendered container that the engine does not accept together."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from rorg.model.volumes import mounted_at, parse_tmpfs, same_path
 
 
 class Clash(NamedTuple):
-    """One finding: the option that is wrong (or a path below it), what is wrong, a remedy, and the option that it does
-    not go with, which may come from elsewhere; its code, where it has one."""
+    """Two options that do not go together: the path of the wrong one, a message, a remedy, the option that it clashes
+    with (which may come from a profile), and the code of the finding if it has one."""
 
     path: tuple[str | int, ...]
     message: str
@@ -26,47 +26,31 @@ Rule = Callable[[Options], Iterator[Clash]]
 
 
 def clashes(options: Options) -> list[Clash]:
-    """All that does not go together in one container."""
+    """Returns all clashes within one container."""
     return [clash for rule in RULES for clash in rule(options)]
+
+
+_OF_NETWORKS = ("ports", "expose", "publish_all_ports", "hostname", "links", "dns", "extra_hosts", "mac_address")
 
 
 def _network(options: Options) -> Iterator[Clash]:
     mode = options.get("network_mode", "")
     if mode and options.get("networks"):
-        yield Clash(
-            ("networks",),
-            f"networks and network_mode: {mode} exclude each other",
-            "dropping one of them",
-            "network_mode",
-        )
+        message = f"networks and network_mode: {mode} exclude each other"
+        yield Clash(("networks",), message, "dropping one of them", "network_mode")
     if mode.startswith(("container:", "service:")):
-        for option in (
-            "ports",
-            "expose",
-            "publish_all_ports",
-            "hostname",
-            "links",
-            "dns",
-            "extra_hosts",
-            "mac_address",
-        ):
-            if options.get(option):
-                yield Clash(
-                    (option,),
-                    f"{option} is not for a container that uses the network of another one",
-                    "declaring it there",
-                    "network_mode",
-                )
+        for option in (o for o in _OF_NETWORKS if options.get(o)):
+            message = f"{option} is not for a container that uses another container's network"
+            yield Clash((option,), message, "declaring it there", "network_mode")
     elif mode in ("host", "none"):
-        for option in ("ports", "publish_all_ports", *(("links", "mac_address") if mode == "host" else ())):
-            if options.get(option):
-                yield Clash(
-                    (option,),
-                    f"{option} has no effect under network_mode: {mode}",
-                    "network_mode: bridge, or dropping it",
-                    "network_mode",
-                    "ports-with-host-network" if mode == "host" and option in ("ports", "publish_all_ports") else "",
-                )
+        useless = ("ports", "publish_all_ports", *(("links", "mac_address") if mode == "host" else ()))
+        for option in (o for o in useless if options.get(o)):
+            code = "ports-with-host-network" if mode == "host" and option in ("ports", "publish_all_ports") else ""
+            message, remedy = (
+                f"{option} has no effect under network_mode: {mode}",
+                "network_mode: bridge, or dropping it",
+            )
+            yield Clash((option,), message, remedy, "network_mode", code)
 
 
 def _namespaces(options: Options) -> Iterator[Clash]:
@@ -80,13 +64,9 @@ def _namespaces(options: Options) -> Iterator[Clash]:
         }
         for option, theirs in foreign.items():
             if theirs and options.get(option) == "host":
-                yield Clash(
-                    ("sysctls", name),
-                    f"'{name}' belongs to the host under {option}: host",
-                    f"setting it on the host, or another {option}",
-                    option,
-                    "sysctls-with-host-network" if option == "network_mode" else "",
-                )
+                message = f"'{name}' belongs to the host under {option}: host"
+                code = "sysctls-with-host-network" if option == "network_mode" else ""
+                yield Clash(("sysctls", name), message, f"setting it on the host, or another {option}", option, code)
 
 
 def _limits(options: Options) -> Iterator[Clash]:
@@ -105,7 +85,7 @@ def _limits(options: Options) -> Iterator[Clash]:
 
 
 def _places(options: Options) -> Iterator[Clash]:
-    """Two things at one place in the container. A volume without a name gives way by itself."""
+    """Two mounts at one path. A volume without a name gives way to the other one, so it is not reported."""
     taken = {same_path(parse_tmpfs(value)[0]) for value in options.get("tmpfs", ())}
     for index, value in enumerate(options.get("volumes", ())):
         place = mounted_at(value)
@@ -118,30 +98,15 @@ def _places(options: Options) -> Iterator[Clash]:
 
 _COMMON = ("labels", "labels-regex", "env", "env-regex", "tag")
 _FILES = ("max-size", "max-file", "compress")
+_SYSLOG = ("address", "facility", "tls-ca-cert", "tls-cert", "tls-key", "tls-skip-verify", "format")
 _DRIVERS: Mapping[str, tuple[str, ...] | None] = {
     "json-file": (*_FILES, *_COMMON),
     "local": _FILES,
     "journald": _COMMON,
-    "none": None,
-    "gelf": None,
-    "fluentd": None,
-    "awslogs": None,
-    "splunk": None,
-    "gcplogs": None,
-    "etwlogs": None,
-    "logentries": None,
-    "syslog": (
-        *_COMMON,
-        "syslog-address",
-        "syslog-facility",
-        "syslog-tls-ca-cert",
-        "syslog-tls-cert",
-        "syslog-tls-key",
-        "syslog-tls-skip-verify",
-        "syslog-format",
-    ),
+    **dict.fromkeys(("none", "gelf", "fluentd", "awslogs", "splunk", "gcplogs", "etwlogs", "logentries")),
+    "syslog": (*_COMMON, *(f"syslog-{name}" for name in _SYSLOG)),
 }
-"""Drivers of logs and their options; None where any may be given. Others are plugins."""
+"""Logging drivers and their options; None if a driver accepts any. Unlisted drivers are plugins."""
 _BUFFER = ("mode", "max-buffer-size")
 _SIZE = r"[0-9]+(\.[0-9]+)? ?[kKmMgGtTpP]?[iI]?[bB]?"
 _LOG_VALUES = {
@@ -163,9 +128,8 @@ def _logging(options: Options) -> Iterator[Clash]:
         return
     for key, value in values.items():
         if key not in (*known, *_BUFFER):
-            yield Clash(
-                ("logging", "options", key), f"the driver {driver} has no option '{key}'", f"one of {', '.join(known)}"
-            )
+            message = f"the driver {driver} has no option '{key}'"
+            yield Clash(("logging", "options", key), message, f"one of {', '.join(known)}")
         elif key in _LOG_VALUES and not re.fullmatch(_LOG_VALUES[key], value):
             yield Clash(("logging", "options", key), f"'{value}' is not a value of {key}")
     if values.get("max-buffer-size") and values.get("mode") != "non-blocking":

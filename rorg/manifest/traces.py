@@ -1,33 +1,38 @@
-"""Files of a trace: a document of kind Trace. It is no part of a tree; commands that simulate are given one."""
+"""Reads and writes files of a trace: a document of kind Trace, which is not part of a tree. Simulating commands read
+it."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import Field, model_validator
 
 from rorg.manifest.fields import Written, field
 from rorg.manifest.one_document import OneDocument, read_document
-from rorg.manifest.option_forms import Strict
-from rorg.manifest.scalars import Duration, Name
+from rorg.manifest.option_forms import Duration, Name, Strict
+from rorg.manifest.yaml_text import Inline, yaml_text
 from rorg.model.diagnostics import Diagnostic, nearest
 from rorg.model.trace import Trace, TraceEvent
+from rorg.model.units import format_duration
 
 Services = Annotated[list[Name], Field(min_length=1)]
 
 
 class TraceEntry(Strict):
-    """Something that happens at a time. Exactly one of state, request, release."""
+    """An event. Exactly one of state, request, release."""
 
     at: Duration = field("When, since the trace began. No earlier than the entry before.", "12.5s", ...)
     state: str | None = field("A state that the behaviour enters: one of `states`.", "tour")
-    request: Name | None = field("The id of a request that is made, or made anew.", "look")
-    release: Name | None = field("The id of a request that is given up.", "look")
-    services: Services | None = field("What is requested: services and groups.", ["usb_cam"])
+    request: Name | None = field("The id of a new or changed request.", "look")
+    release: Name | None = field("The id of a request to release.", "look")
+    services: Services | None = field("The requested services and groups.", ["usb_cam"])
     by: Name | None = field(
-        "Who requests, or whose behaviour it is.", "behavioral", unset="developer; of a state the trace's `behaviour`"
+        "The requester, or the service of the behaviour.",
+        "behavioral",
+        unset="developer; of a state the trace's `behaviour`",
     )
 
     @model_validator(mode="after")
@@ -40,19 +45,19 @@ class TraceEntry(Strict):
 
 
 class TraceSpec(Strict):
-    """What a robot is asked for over some time."""
+    """Requests to a robot over some time."""
 
     duration: Duration = field("How long it lasts.", "4h", ...)
     behaviour: Name = field("The service whose states these are.", "behavioral", "developer")
     states: Annotated[dict[str, list[Name]], Written("mapping of lists of names")] = field(
-        "What the behaviour requests in each of its states.", {"tour": ["navigation"], "charging": []}, dict
+        "The requests of the behaviour in each of its states.", {"tour": ["navigation"], "charging": []}, dict
     )
-    events: list[TraceEntry] = field("What happens, in order of time.", [{"at": "5s", "state": "tour"}], ...)
+    events: list[TraceEntry] = field("The events, in order of time.", [{"at": "5s", "state": "tour"}], ...)
 
 
 def read_trace(path: Path, known: Collection[str] | None = None) -> Trace:
-    """The trace in a file. `known`: services and groups of the robot that it is for; None leaves names unchecked.
-    Raises Invalid with all that is wrong with it, each with file:line:column."""
+    """Reads a trace. `known` are the services and groups of its robot; None skips the check of names. Raises Invalid
+    with all mistakes, each with file:line:column."""
     return read_document(path, "Trace", TraceSpec, lambda found: _trace(found, known))
 
 
@@ -90,7 +95,7 @@ def _event(spec: TraceSpec, entry: TraceEntry) -> TraceEvent:
 
 
 def _unknown(found: OneDocument[TraceSpec], known: Collection[str]) -> Iterator[Diagnostic]:
-    """Names that the robot does not have, at every place."""
+    """Reports names that the robot does not have, at every place."""
     spec, names = found.spec, {*known, "developer"}
     places = list[tuple[str, tuple[str | int, ...]]]([(spec.behaviour, ("behaviour",))])
     for state, services in spec.states.items():
@@ -102,3 +107,52 @@ def _unknown(found: OneDocument[TraceSpec], known: Collection[str]) -> Iterator[
         if name not in names:
             what = f"no service or group '{name}'"
             yield Diagnostic(found.document.where(("spec", *path)), what, nearest(name, names))
+
+
+def trace_text(trace: Trace) -> str:
+    """Writes a trace as YAML with one line per event, so that read_trace reads the same. Raises ValueError if one state
+    requests different services at different times."""
+    behaviour, states = _behaviour(trace), _states(trace)
+    metadata = {"name": trace.name, **({"description": trace.description} if trace.description else {})}
+    spec: dict[str, Any] = {"duration": _length(trace.duration)}
+    if behaviour != "developer":
+        spec["behaviour"] = behaviour
+    if states:
+        spec["states"] = {state: list(services) for state, services in states.items()}
+    spec["events"] = [Inline(_entry(event, behaviour)) for event in trace.events]
+    return yaml_text({"apiVersion": "rorg/v1", "kind": "Trace", "metadata": metadata, "spec": spec})
+
+
+def _behaviour(trace: Trace) -> str:
+    """The requester with the most states."""
+    most = Counter(event.requester for event in trace.events if event.state).most_common(1)
+    return most[0][0] if most else "developer"
+
+
+def _states(trace: Trace) -> Mapping[str, tuple[str, ...]]:
+    found = dict[str, tuple[str, ...]]()
+    for event in trace.events:
+        if event.state and found.setdefault(event.state, event.services) != event.services:
+            raise ValueError(f"state '{event.state}' requests one thing at first, and another at {event.at:g} s")
+    return found
+
+
+def _entry(event: TraceEvent, behaviour: str) -> dict[str, Any]:
+    entry: dict[str, Any] = {"at": format_duration(event.at)}
+    if event.state:
+        entry["state"] = event.state
+    elif event.services:
+        entry |= {"request": event.id, "services": list(event.services)}
+    else:
+        entry["release"] = event.id
+    if event.requester != (behaviour if event.state else "developer"):
+        entry["by"] = event.requester
+    return entry
+
+
+def _length(seconds: float) -> str:
+    """In the largest unit that gives a whole number."""
+    for unit, size in (("h", 3600), ("m", 60)):
+        if seconds and seconds % size == 0:
+            return f"{seconds / size:.0f}{unit}"
+    return format_duration(seconds)

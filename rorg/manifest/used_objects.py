@@ -1,4 +1,5 @@
-"""Networks and volumes of a tree, and the services that use them: what these write becomes what the engine calls it."""
+"""Networks and volumes of a tree, and the services that use them. Names in services are replaced by the engine's
+names."""
 
 from __future__ import annotations
 
@@ -10,26 +11,26 @@ from rorg.manifest.documents import Source
 from rorg.manifest.programs import of_this_machine
 from rorg.model.catalog import Service
 from rorg.model.diagnostics import Diagnostic, close_to
-from rorg.model.objects import EngineObject, Kind
-from rorg.model.used import keys_of
+from rorg.model.objects import EngineObject, Kind, keys_of
 
 Objects = Mapping[str, EngineObject]
-"""Of one kind, by the name that services write."""
+"""Objects of one kind, by the name that services write."""
 ALIKE = 0.8
-"""From this likeness on (of difflib) a name is taken for a misspelt one."""
+"""Similarity (of difflib) above which a name counts as misspelt."""
 OWN = frozenset(("host", "none", "bridge", "default"))
-"""Networks that the engine has by itself."""
+"""Built-in networks of the engine."""
 LEFT_OUT: Mapping[Kind, str] = {
     "network": "the process engine makes no networks: its services use those of this machine",
     "volume": "the process engine makes no volumes: its services use directories of this machine",
 }
-"""What becomes of them where services are plain processes."""
+"""What happens to them if services are plain processes."""
 
 
 def objects_of(
     kind: Kind, sources: Mapping[str, Source], engine: str
 ) -> tuple[dict[str, EngineObject], list[Diagnostic]]:
-    """All of one kind. An error is that two are called the same; a warning, said once, that `engine` has none."""
+    """Returns all objects of one kind. Two with the same engine name are an error. If `engine` does not have them, one
+    warning says so."""
     found = {name: _object(kind, source) for name, source in sources.items()}
     diagnostics, owners = [], dict[str, str]()
     for name, one in found.items():
@@ -58,8 +59,7 @@ def _object(kind: Kind, source: Source) -> EngineObject:
 
 
 def joined(service: Service, networks: Objects, volumes: Objects) -> Service:
-    """A service with what the engine calls the networks and volumes that it names; what no manifest declares stays as
-    it is written."""
+    """Replaces names of networks and volumes in a service by the engine's names; undeclared names stay."""
     spec = service.spec
     if spec is None or not (networks or volumes):
         return service
@@ -89,7 +89,7 @@ def _mounted(volume: Any, volumes: Objects) -> Any:
 def check_default(
     services: Mapping[str, Service], sources: Mapping[str, Source], networks: Objects
 ) -> Iterator[Diagnostic]:
-    """`default` is the engine's own network, which takes no options, unless a manifest declares one of that name."""
+    """Refuses options for `default`, the engine's own network, unless a manifest declares a network of that name."""
     for name, source in sources.items():
         options = ((services[name].spec or {}).get("networks") or {}).get("default")
         if options and any(options.values()) and "default" not in networks:
@@ -101,7 +101,8 @@ def check_default(
 def misspelt(
     services: Mapping[str, Service], sources: Mapping[str, Source], networks: Objects, volumes: Objects
 ) -> Iterator[Diagnostic]:
-    """Names that are almost those of a Network or Volume: the engine has no such network, and makes a new volume."""
+    """Warns about names that are almost those of a Network or Volume: the engine does not have such a network, and
+    would create a new volume."""
     for name, source in sources.items():
         for key in keys_of(services[name].spec or {}):
             kind, _, called = key.partition("/")

@@ -1,14 +1,13 @@
-"""Variables of a tree: what its `robot.env` declares, filled into the values of `spec`.
+"""Variables of a tree: `robot.env` declares them, and they are filled into the values of `spec`.
 
-`robot.env` lies at the top of the tree; that of `robots/NAME/` is laid over it for one robot. Both are read as Compose
-reads an .env file (dotenv.py). Nothing is ever taken from the environment of a process: a tree means the same wherever
-it is read. In the manifests of a tree that has such a file, `${NAME}` and Compose's other forms in braces
-(template.py) stand for a value, `$${NAME}` for the text `${NAME}`. NAME is one that is declared, or any other that is
-written in capitals, which then is a mistake. Whatever else has a dollar sign stays as it is: `$NAME`, `$(...)`, `$$`,
-`${service}`, and a shell's `${name}` in small letters. Without such a file nothing is looked for, so that a tree keeps
-its meaning.
+`robot.env` is at the top of the tree; the one in `robots/NAME/` is applied on top of it for that robot. Both are read
+like a Compose .env file (dotenv.py). The environment of the process is never used, so a tree means the same wherever it
+is read. In a tree with such a file, `${NAME}` and Compose's other forms in braces (template.py) are replaced, and
+`$${NAME}` gives the text `${NAME}`. NAME must be declared; an undeclared name in capitals is an error. Every other
+dollar sign stays: `$NAME`, `$(...)`, `$$`, `${service}`, and a shell's `${name}` in small letters. Without such a file
+nothing is replaced, so that older trees keep their meaning.
 
-A bare NAME in `environment`, or in the `args` of an Image, takes the value of the variable of that name.
+A bare NAME in `environment`, or in the `args` of an Image, takes the value of the variable with that name.
 """
 
 from __future__ import annotations
@@ -30,39 +29,35 @@ from rorg.model.diagnostics import Diagnostic, Where, nearest
 
 FILE = "robot.env"
 TAKEN = "service"
-"""`${service}` is the service that a profile is used by."""
+"""`${service}` is the service that uses the profile."""
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _CAPITALS = re.compile(r"[A-Z_][A-Z0-9_]*")
 _BRACES = re.compile(r"(?<!\$)(\$+)\{([A-Za-z_][A-Za-z0-9_]*)")
-_BARE = {
-    "Service": ("container", "environment"),
-    "Profile": ("container", "environment"),
-    "Image": ("args",),
-}
-"""Kind -> where in its spec bare names stand for variables."""
+_BARE = {"Service": ("container", "environment"), "Profile": ("container", "environment"), "Image": ("args",)}
+"""Kind -> path in its spec where a bare name means a variable."""
 
 
 @dataclass(frozen=True)
 class Variables:
-    """Those of one tree, on one robot."""
+    """The variables of one tree, on one robot."""
 
     values: Mapping[str, str] = field(default_factory=dict)
     places: Mapping[str, Where] = field(default_factory=dict)
-    """Of each the line that declares it."""
+    """Name -> the line that declares it."""
     declared: bool = False
-    """Whether there is any file of them."""
+    """Whether any file of variables exists."""
 
 
 NONE = Variables()
 
 
 def variable_files(root: Path, robot: str) -> list[Path]:
-    """Where variables may be declared, whether the files are there or not; what a later one says wins."""
+    """Files that may declare variables, existing or not; later ones win."""
     return [root / FILE, *([root / FOLDER / robot / FILE] if robot else [])]
 
 
 def read_variables(root: Path, robot: str) -> tuple[Variables, list[Diagnostic]]:
-    """The variables of a tree, and all that is wrong with its files of them."""
+    """Reads the variables of a tree; returns them with all mistakes in their files."""
     values: dict[str, str] = {}
     places: dict[str, Where] = {}
     diagnostics: list[Diagnostic] = []
@@ -82,7 +77,7 @@ def read_variables(root: Path, robot: str) -> tuple[Variables, list[Diagnostic]]
 
 
 def _declare(text: str, file: str, values: dict[str, str], places: dict[str, Where]) -> list[Diagnostic]:
-    """Adds what one file declares to what those before it do."""
+    """Adds the variables of one file."""
     entries, mistakes = read_dotenv(text, lambda _: None, values)
     diagnostics = [Diagnostic(Where(file, m.line, m.column), m.message, m.remedy) for m in mistakes]
     for entry in entries:
@@ -101,7 +96,8 @@ def _declare(text: str, file: str, values: dict[str, str], places: dict[str, Whe
 
 
 def fill(document: Document, variables: Variables) -> tuple[Document, list[Diagnostic]]:
-    """A manifest with its variables filled in, and what is wrong with them. It knows which values it has from where."""
+    """Fills in the variables of a manifest; returns it with what is wrong with them. The result records which variables
+    each value uses."""
     if not isinstance(document.value, dict) or "spec" not in document.value:
         return document, []
     filler = _Filler(document, variables)
@@ -117,8 +113,7 @@ def fill(document: Document, variables: Variables) -> tuple[Document, list[Diagn
 
 
 def noted(diagnostics: Iterable[Diagnostic], documents: Iterable[Document]) -> list[Diagnostic]:
-    """The same; where one is about a value that was filled in, it says which variables it has and where they are
-    declared."""
+    """Adds to each diagnostic about a filled-in value which variables it uses and where they are declared."""
     notes = {
         document.where(path): text
         for document in documents
@@ -133,12 +128,12 @@ def noted(diagnostics: Iterable[Diagnostic], documents: Iterable[Document]) -> l
 
 
 def told(used: Iterable[Use]) -> str:
-    """Variables for people, with where they are declared."""
+    """Names of variables with the lines that declare them, for people."""
     return ", ".join(f"{use.name} is set at {use.where.file}:{use.where.line}" for use in used if use.where)
 
 
 class _Filler:
-    """Fills in one document, and notes what it has used where."""
+    """Fills in one document and records the variables of each value."""
 
     def __init__(self, document: Document, variables: Variables) -> None:
         self.document, self.variables, self.budget = document, variables, Budget()
@@ -153,7 +148,7 @@ class _Filler:
         return [self.value(v, (*path, i)) for i, v in enumerate(value)] if isinstance(value, list) else value
 
     def text(self, text: str, path: Loc) -> str:
-        """One text. Of a run of dollar signs before a brace two stand for one, as in Compose."""
+        """Fills in one text. Before a brace, two dollar signs stand for one, as in Compose."""
         found, at = [], 0
         while match := _BRACES.search(text, at):
             dollars, name = len(match[1]), match[2]
@@ -169,7 +164,7 @@ class _Filler:
         return "".join(found) + text[at:]
 
     def reference(self, text: str, at: int, path: Loc) -> tuple[str, int]:
-        """The value of the form in braces that begins there, and where it is over."""
+        """Returns the value of the reference at an offset, and its end."""
         form = reference_at(text, at)
         if not isinstance(form, Refused):
             self._use(path, (form.name, *(inner.name for inner in references(form.argument))))
@@ -189,7 +184,7 @@ class _Filler:
         return filled.text, form.end
 
     def bare(self, value: Any, path: Loc, below: tuple[str, ...]) -> Any:
-        """The same with names that have no value given that of the variable, at a path below a value."""
+        """Gives bare names below a path the value of their variable."""
         if below:
             if not isinstance(value, dict) or below[0] not in value:
                 return value
@@ -215,7 +210,7 @@ class _Filler:
         return "" if isinstance(filled, Refused) else filled.text
 
     def _lookup(self, name: str) -> str | None:
-        """Names that are not looked for stay as they are, within the braces of another one, too."""
+        """Returns the value of a variable; names that are not variables stay as they are, even inside other braces."""
         return self.variables.values.get(name, None if _CAPITALS.fullmatch(name) else f"${{{name}}}")
 
     def _use(self, path: Loc, names: Iterable[str]) -> None:

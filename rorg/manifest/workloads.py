@@ -1,4 +1,5 @@
-"""Files of a workload: a document of kind Workload, which says how services use the machine in a simulation."""
+"""Reads files of a workload: a document of kind Workload, which describes how services use the machine in a
+simulation."""
 
 from __future__ import annotations
 
@@ -10,8 +11,7 @@ from pydantic import BeforeValidator, Field
 
 from rorg.manifest.fields import Written, field
 from rorg.manifest.one_document import OneDocument, read_document
-from rorg.manifest.option_forms import Strict
-from rorg.manifest.scalars import Duration, Memory, Name
+from rorg.manifest.option_forms import Duration, Memory, Name, Strict
 from rorg.model.diagnostics import Diagnostic, nearest
 from rorg.model.workload import Behaviour, Distribution, Workload
 
@@ -45,7 +45,7 @@ class CoresSpread(_Spread):
 
 
 class SizeSpread(_Spread):
-    """An amount of memory, likewise."""
+    """Memory: a size, a normal distribution, or a list of measured sizes."""
 
     mean: Size = field("The mean.", "180Mi", 0)
     deviation: Size = field("The standard deviation.", "10Mi", 0)
@@ -53,7 +53,7 @@ class SizeSpread(_Spread):
 
 
 class DurationSpread(_Spread):
-    """A duration, likewise."""
+    """A duration, a normal distribution, or a list of measured durations."""
 
     mean: Duration = field("The mean.", "2s", 0.0)
     deviation: Duration = field("The standard deviation.", "300ms", 0.0)
@@ -83,33 +83,33 @@ class MemoryUse(Strict):
 class BehaviourSpec(Strict):
     """How a service uses the machine."""
 
-    class_: Name | None = field("What is not said here holds as for this class.", "camera", alias="class")
+    class_: Name | None = field("A class whose values apply if they are not set here.", "camera", alias="class")
     cpu: CpuUse | None = field("Cores.", {"active": 0.4, "idle": 0.1})
     memory: MemoryUse | None = field("Memory.", {"active": "180Mi"})
     start: DurationForm | None = field("From its start until it is ready.", "2s", unset="what `ready` says, or 100ms")
     resume: DurationForm | None = field("From its resume until it is ready.", "50ms", unset="100ms")
-    stop: DurationForm | None = field("What its programs take to end.", "500ms", unset="0s")
-    growth: Size | None = field("What its memory grows by in an hour in which it runs.", "5Mi", unset="0")
-    crashes: Annotated[float, Field(strict=False, ge=0)] | None = field(
-        "How often it crashes in an hour in which it runs.", 0.1, unset="0"
-    )
+    stop: DurationForm | None = field("Time that its programs take to end.", "500ms", unset="0s")
+    growth: Size | None = field("Growth of its memory per hour of running.", "5Mi", unset="0")
+    crashes: Annotated[float, Field(strict=False, ge=0)] | None = field("Crashes per hour of running.", 0.1, unset="0")
 
 
 class WorkloadSpec(Strict):
     """How all services of a robot use the machine."""
 
     calls: dict[Literal["create", "start", "pause", "resume", "stop", "remove"], DurationForm] = field(
-        "What calls of the engine take.", {"start": "90ms", "pause": ["12ms", "15ms"]}, dict
+        "Duration of engine calls.", {"start": "90ms", "pause": ["12ms", "15ms"]}, dict
     )
-    classes: dict[Name, BehaviourSpec] = field("What services have in common.", {"camera": {"crashes": 0.1}}, dict)
+    classes: dict[Name, BehaviourSpec] = field(
+        "Values that several services share.", {"camera": {"crashes": 0.1}}, dict
+    )
     services: dict[Name, BehaviourSpec] = field(
-        "By name; what a tree does not have does not matter.", {"usb_cam": {"class": "camera"}}, dict
+        "Services by name; unknown names are ignored.", {"usb_cam": {"class": "camera"}}, dict
     )
-    others: BehaviourSpec | None = field("All services that are not named.", {"cpu": {"active": 0.1}})
+    others: BehaviourSpec | None = field("All other services.", {"cpu": {"active": 0.1}})
 
 
 def read_workload(path: Path) -> Workload:
-    """The workload in a file. Raises Invalid with all that is wrong with it, each with file:line:column."""
+    """Reads a workload. Raises Invalid with all mistakes, each with file:line:column."""
     return read_document(path, "Workload", WorkloadSpec, _workload)
 
 

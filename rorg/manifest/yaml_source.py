@@ -1,7 +1,7 @@
-"""YAML 1.2 scalars and the position of every key and value, on PyYAML's composer.
+"""Reads YAML 1.2 with the position of every key and value, on PyYAML's composer.
 
-PyYAML speaks YAML 1.1, in which `NO` is false and `1:30` is 90. Robots have services named `no` and times written
-`1:30`, so scalars are resolved by the core schema of YAML 1.2 (yaml.org/spec/1.2.2, 10.3.2) instead.
+PyYAML implements YAML 1.1, in which `NO` is false and `1:30` is 90. Robots have services named `no` and times like
+`1:30`, so scalars follow the core schema of YAML 1.2 instead (yaml.org/spec/1.2.2, 10.3.2).
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from rorg.model.diagnostics import Diagnostic, Where
 
 _Base = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 MAX_DEPTH = 50
-"""The parser's own recursion ends in a crash some ten thousand levels down."""
+"""The parser's recursion crashes at some ten thousand levels."""
 MAX_NODES = 100_000
-"""An alias bomb grows past any robot's manifest long before this many nodes."""
+"""No robot's manifest has this many nodes; an alias bomb quickly does."""
 MAX_ITEMS = 1000
 """Items of one list, or keys of one mapping, in a manifest."""
 MOST_NUMBER = (1 << 63) - 1
-"""What engines and kernels count with; an infinity is more, and what is no number is not less."""
+"""The largest number that engines and kernels can store."""
 
 
 class _Loader(_Base):  # type: ignore[misc, valid-type]
@@ -48,17 +48,17 @@ Path = tuple[str | int, ...]
 
 @dataclass(frozen=True, slots=True)
 class Allow:
-    """A comment `# rorg: allow CODE: reason`, and what it stands for."""
+    """A comment `# rorg: allow CODE: reason`, and the lines that it covers."""
 
     where: Where
     code: str
     reason: str
     lines: tuple[int, int]
-    """From the first line that it is said of to the last."""
+    """First and last line that it covers."""
 
 
 class Use(NamedTuple):
-    """A variable that a text names, and where its value is declared: None where a default of the text holds."""
+    """A variable in a text, and the place that declares it; None if a default of the text was used."""
 
     name: str
     where: Where | None
@@ -66,21 +66,21 @@ class Use(NamedTuple):
 
 @dataclass
 class Document:
-    """One YAML document: its value, and where each key and each value stands."""
+    """One YAML document: its value, and the position of each key and each value."""
 
     file: str
     value: Any = None
     keys: dict[Path, tuple[int, int]] = field(default_factory=dict)
     values: dict[Path, tuple[int, int]] = field(default_factory=dict)
     files: dict[Path, str] = field(default_factory=dict)
-    """The file of those that stand in another one, which was laid over this."""
+    """Path -> file, for values from an overlay that was merged in."""
     allows: tuple[Allow, ...] = ()
-    """What comments of its files let pass."""
+    """Comments that allow warnings."""
     filled: dict[Path, tuple[Use, ...]] = field(default_factory=dict)
-    """The variables that were filled into texts."""
+    """Path -> variables that were filled into the text there."""
 
     def where(self, path: Path, key: bool = False) -> Where:
-        """The place of a value (or of its key); of its nearest ancestor where the path itself is not there."""
+        """The place of a value (or of its key); of its nearest existing ancestor if the path does not exist."""
         while path:
             found = (self.keys if key else self.values).get(path) or self.values.get(path)
             if found:
@@ -90,7 +90,7 @@ class Document:
 
 
 class _Reader:
-    """Turns nodes into plain values, noting positions, duplicate keys and foreign tags."""
+    """Converts nodes to plain values, with positions; reports duplicate keys and unsupported tags."""
 
     def __init__(self, file: str, nul: bool, most: int, items: int) -> None:
         self.document, self.nul, self.most, self.items = Document(file), nul, most, items
@@ -165,7 +165,7 @@ class _Reader:
 
 
 def check_depth(text: str) -> None:
-    """Raises YAMLError when it is nested too deep. Every level takes one of these characters."""
+    """Raises YAMLError if the nesting is too deep. Every level needs at least one of these characters."""
     if sum(map(text.count, "[{-:?")) <= MAX_DEPTH:
         return
     depth = 0
@@ -183,8 +183,8 @@ _ALLOW = re.compile(r"(?:^|\s)(#+\s*rorg:\s*allow\b[ \t]*([^\s:]*)[ \t]*:?[ \t]*
 
 
 def allows(text: str, file: str) -> tuple[Allow, ...]:
-    """All such comments of a file. One behind something is said of its line, one that stands alone of the next line
-    that is no comment."""
+    """Finds the comments that allow warnings. One behind code covers its line; one on its own line covers the next line
+    that is not a comment."""
     if "rorg:" not in text:
         return ()
     found, following = list[Allow](), 0
@@ -201,9 +201,9 @@ def allows(text: str, file: str) -> tuple[Allow, ...]:
 def read_yaml(
     text: str, file: str, nul: bool = False, most: int = MAX_NODES, items: int = MAX_NODES
 ) -> tuple[Document | None, list[Diagnostic]]:
-    """The one document of a file, with all that is wrong with it as YAML. `file` is only shown, never opened. `nul`:
-    its texts go to no engine and no program, so they may have NUL characters. `most`: values that it may have; `items`:
-    those of one list or mapping."""
+    """Reads the single document of a file, and reports everything that is wrong with it as YAML. `file` is only shown,
+    never opened. `nul` allows NUL characters, for texts that go to no engine and no program. `most` limits the number
+    of values, `items` the length of one list or mapping."""
     reader = _Reader(file, nul, most, items)
     try:
         check_depth(text)
@@ -225,7 +225,7 @@ def read_yaml(
 
 
 def as_scalar(text: str) -> str | int | float | bool:
-    """The number or the boolean that a text is in YAML, or the text."""
+    """Converts a text to the number or boolean that YAML reads, or returns it unchanged."""
     document, found = read_yaml(text, "")
     value = document.value if document and not found else None
     return value if isinstance(value, bool | int | float) else text

@@ -1,4 +1,4 @@
-"""Plain values as YAML that a person reads on: block style, short lists in one line, and a comment beside a value."""
+"""Writes plain values as YAML for people: block style, short lists on one line, comments beside values."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from dataclasses import dataclass
 from typing import Any
 
 WIDTH = 110
-"""Characters; what is longer in one line gets a line for each item."""
+"""Characters of a line; a longer list gets one line per item."""
 SHORT = 3
-"""Entries of a mapping that may stand in one line."""
+"""Entries of a mapping that fit on one line."""
 _PLAIN = re.compile(
     r"(?:[A-Za-z_/]|\.{1,2}/|--?[A-Za-z])(?:[A-Za-z0-9_./@+=~-]|:(?=[A-Za-z0-9_./]))*|"
     r"[0-9]+(?:\.[0-9]+)?(?:ms|s|m|h|d|Ki|Mi|Gi)"
 )
 _WORDS = re.compile(r"[A-Za-z_][A-Za-z0-9_./@+=~() -]*[A-Za-z0-9_./)]")
 _TAKEN = frozenset(("true", "false", "null", "yes", "no", "on", "off", "y", "n", "~"))
-"""Other readers of YAML take these for more than text."""
+"""Words that other YAML readers do not read as text."""
 _CONTROL = re.compile(
     "[^\\x20-\\x7e\\xa0-\\ud7ff\\ue000-\\ufefe\\uff00-\\ufffd\\U00010000-\\U0010ffff]|[\\u2028\\u2029]"
 )
@@ -34,7 +34,7 @@ class Noted:
 
 @dataclass(frozen=True)
 class Inline:
-    """A mapping that stands in one line where it fits."""
+    """A mapping on one line, if it fits."""
 
     value: Mapping[str, Any]
 
@@ -49,12 +49,12 @@ def plain(value: Any) -> Any:
 
 
 def yaml_text(value: Mapping[str, Any]) -> str:
-    """A whole document that YAML 1.2 reads as this value."""
+    """A whole document; YAML 1.2 reads the same value from it."""
     return "".join(f"{line}\n" for line in _mapping(value))
 
 
 def scalar(value: Any) -> str:
-    """A text, number, boolean or nothing in one line."""
+    """Writes a text, number, boolean or null on one line."""
     if value is None or isinstance(value, bool):
         return {None: "null", True: "true", False: "false"}[value]
     if not isinstance(value, str):
@@ -64,7 +64,7 @@ def scalar(value: Any) -> str:
 
 
 def _quoted(text: str) -> str:
-    """Between quotation marks. What no file may hold is escaped, by its number where JSON has no sign for it."""
+    """Quotes a text. Characters that must not be in a file are escaped, numerically if JSON has no escape for them."""
     quoted = json.dumps(text, ensure_ascii=False)
     return _CONTROL.sub(lambda m: f"\\u{ord(m[0]):04x}" if ord(m[0]) > 0xFF else f"\\x{ord(m[0]):02x}", quoted)
 
@@ -77,7 +77,7 @@ def _mapping(value: Mapping[str, Any]) -> list[str]:
 
 
 def _entry(head: str, item: Any) -> list[str]:
-    """`head` with its value behind or below it."""
+    """Writes `head` with its value behind or below it."""
     item, comment = (item.value, f"   # {one_line(item.comment)}") if isinstance(item, Noted) else (item, "")
     inline = _flow(item) if not isinstance(item, Mapping) or not item else ""
     if isinstance(item, Inline):
@@ -92,7 +92,7 @@ def _entry(head: str, item: Any) -> list[str]:
 
 
 def _items(value: Sequence[Any]) -> list[str]:
-    """A list with a line for each item."""
+    """Writes a list with one line per item."""
     found: list[str] = []
     for item in value:
         if isinstance(item, Mapping | Noted | Inline):
@@ -109,7 +109,7 @@ def _inline(item: Any) -> Any:
 
 
 def _flow(value: Any) -> str:
-    """In one line; empty for what has comments inside."""
+    """Writes a value on one line; empty if it contains comments."""
     if isinstance(value, Noted):
         return ""
     if isinstance(value, Inline):
@@ -124,13 +124,13 @@ def _flow(value: Any) -> str:
 
 
 def _deep(item: Any) -> bool:
-    """A mapping that has another one in it, which is better read on a line of its own."""
+    """Whether this is a mapping of mappings, which needs a line of its own to be readable."""
     inner = item.value if isinstance(item, Inline) else item
     return isinstance(inner, Mapping) and any(isinstance(v, Mapping) for v in inner.values())
 
 
 def _texts(value: Any) -> str:
-    """All text in a value, to look for lines."""
+    """All text in a value, to search it for line breaks."""
     if isinstance(value, Mapping):
         return "".join(_texts(item) for item in value.values())
     if isinstance(value, list | tuple):
@@ -139,7 +139,7 @@ def _texts(value: Any) -> str:
 
 
 def _text(head: str, text: str, comment: str) -> list[str]:
-    """A text that does not fit into its line: as a block where it has lines that a block can hold."""
+    """Writes a long text, as a block if a block can hold its lines."""
     lines = text.removesuffix("\n").split("\n")
     sound = lines[0] and not lines[0].startswith(" ") and lines[-1] and not text.endswith("\n\n")
     if (
@@ -154,5 +154,5 @@ def _text(head: str, text: str, comment: str) -> list[str]:
 
 
 def one_line(text: str) -> str:
-    """As a comment can hold it."""
+    """The text on one line, as a comment."""
     return _CONTROL.sub(" ", " ".join(text.split()))

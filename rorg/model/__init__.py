@@ -1,1 +1,1 @@
-"""Frozen values that every room speaks of: no YAML, no pydantic, no files, no clock."""
+"""Frozen values that every room uses: no YAML, no pydantic, no files, no clock."""

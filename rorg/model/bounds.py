@@ -1,4 +1,4 @@
-"""What is read may ask for more than rorg takes."""
+"""The error for input that is larger than rorg accepts."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from rorg.model.diagnostics import Diagnostic, Where
 
 
 class TooMuch(Exception):
-    """Reading ends here; the diagnostic says where and why."""
+    """Reading stops; the diagnostic has the place and the reason."""
 
     def __init__(self, where: Where, message: str, remedy: str = "a smaller project") -> None:
         super().__init__(message)

@@ -1,4 +1,4 @@
-"""What a tree of manifests says, frozen: the one input of all decisions."""
+"""Everything that a tree of manifests declares, frozen: the input of all decisions."""
 
 from __future__ import annotations
 
@@ -15,56 +15,57 @@ from rorg.model.ros import RosParameters
 from rorg.model.units import LONGEST
 
 DEVELOPER = "developer"
-"""The built-in meta-service: a person. Always active, so its requests live until they are released."""
+"""The built-in meta-service: a person. It is always active, so its requests stay until they are released."""
 
 EVERY = "*"
 """In `may_act_for`: every service, except developer."""
 
 RUN = "${rorg.run}"
-"""Stands for the directory of rorg's sockets until it is known which rorg runs this tree."""
+"""A placeholder for the directory of rorg's sockets, until it is known which rorg runs this tree."""
 
 SHORTEST_SECRET = 6
-"""Characters of a secret that is looked for in texts; a shorter one is part of any text."""
+"""Minimum number of characters of a secret that is masked in texts; a shorter one occurs in any text."""
 
 Spec = Mapping[str, Any]
 """A rendered container: `image`, `command` and options under Compose's names, in plain JSON values; only what is
-declared. Exactly this is sent to the engine, and exactly this is digested."""
+declared. Exactly this is sent to the engine and digested."""
 
 
 @dataclass(frozen=True, slots=True)
 class Idle:
-    """What becomes of a service that nobody wants."""
+    """What happens to a service that is not wanted."""
 
     action: str = "stop"
     """pause, stop or remove."""
     linger: float = 0.0
-    """Seconds a service stays active after nobody wants it."""
+    """Seconds for which a service stays active after it is no longer wanted."""
     min_active: float = 0.0
-    """Seconds it stays active after it was started or resumed."""
+    """Minimum seconds for which it stays active after a start or resume."""
     escalate: tuple[float, str] | None = None
-    """(seconds after it was ceased, stop or remove)."""
+    """(seconds after it became idle, stop or remove)."""
     reclaim: bool = False
     prewarm: float = 0.0
-    """Probability from which it is made active before it is requested; 0 for never."""
+    """Minimum probability for starting it before it is requested; 0 for never."""
     connected: str = "pause"
-    """pause or stop: what is done instead of pausing it while its ROS 1 nodes are connected to those of others."""
+    """pause or stop: what to do instead of pausing it while its ROS 1 nodes are connected to those of other
+    services."""
 
 
 @dataclass(frozen=True, slots=True)
 class Updating:
-    """How a change of a service comes into use."""
+    """How a change of a service is rolled out."""
 
     when: str = "now"
-    """now, or when_ceased: once it is next ceased or restarted."""
+    """now, or when_ceased: when it is next idle or restarted."""
     bake: float = 2.0
-    """Seconds for which it must stay well, once it is ready, before the container before is given up."""
+    """Seconds for which it must stay well after it is ready, before the previous container is removed."""
     atomic: str = ""
-    """The set of services with which it changes, or goes back; empty for none."""
+    """The set of services that change together, or go back together; empty for none."""
 
 
 @dataclass(frozen=True, slots=True)
 class Probe:
-    """A question to a service: `ready`, `live` or `interlock`."""
+    """A probe of a service: `ready`, `live` or `interlock`."""
 
     kind: str
     """delay, completed, tcp, http, file, exec, log, engine, ros_node, ros_topic, ros_service or ros_parameters; all for
@@ -75,28 +76,28 @@ class Probe:
     interval: float = 0.25
     """Seconds between two probes."""
     failures: int = 0
-    """So many failures in a row count; 0 for a readiness that is not probed again."""
+    """Failures in a row that count; 0 if readiness is not probed again."""
     master: str = ""
     """URI of the ROS 1 master, for ros_*."""
     parts: tuple[Probe, ...] = ()
-    """Those that must all hold, where there are several; its interval is the shortest of theirs."""
+    """Probes that must all hold; `interval` is then the shortest of theirs."""
 
     @property
     def questions(self) -> tuple[Probe, ...]:
-        """What is asked, one by one: its parts, or itself."""
+        """The single questions: its parts, or itself."""
         return self.parts or (self,)
 
     @property
     def delay(self) -> float | None:
-        """The seconds that are its whole answer, where it asks nobody; None of every other kind. A task does not become
-        ready however long it runs: it is `completed` once it has ended."""
+        """Seconds after which a `delay` holds; None for other kinds. A task never becomes ready by running, so its
+        delay is the longest one."""
         if self.completed:
             return LONGEST
         return float(self.target) if self.kind == "delay" and not isinstance(self.target, tuple) else None
 
     @property
     def completed(self) -> bool:
-        """Of a task, which others wait for until it has ended well."""
+        """Whether it belongs to a task, which others wait for until it has ended successfully."""
         return self.kind == "completed"
 
     def __str__(self) -> str:
@@ -110,7 +111,7 @@ class Probe:
 
 @dataclass(frozen=True, slots=True)
 class Service:
-    """One service, with all that profiles and the Policy add to its manifest."""
+    """One service, with everything that profiles and the Policy add to its manifest."""
 
     name: str
     meta: bool = False
@@ -118,26 +119,26 @@ class Service:
     needs: tuple[str, ...] = ()
     """Names of services; groups are already replaced by their members."""
     restarts_with: tuple[str, ...] = ()
-    """Those of `needs` whose restart restarts this service."""
+    """Members of `needs` whose restart restarts this service."""
     joins: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    """Service, among `needs` -> options by which its container's namespaces or volumes are used (see joining.py)."""
+    """Service in `needs` -> options by which this container uses its namespaces or volumes (see joining.py)."""
     conflicts: tuple[str, ...] = ()
     exclusive: Mapping[str, int] = field(default_factory=dict)
     """Resource -> units."""
     may_request: tuple[str, ...] = ()
     """Services and groups that it may request through the API."""
     may_restart: tuple[str, ...] = ()
-    """Those that it may restart."""
+    """Services and groups that it may restart."""
     may_act_for: tuple[str, ...] = ()
-    """Those in whose name it may act, as a bridge does for its callers; `*` for every service but developer."""
+    """Services for which it may act, as a bridge does for its callers; `*` is every service except developer."""
     may_manage: tuple[str, ...] = ()
-    """Patterns of names of those that it may create, change and remove."""
+    """Patterns of names of services that it may create, change and remove."""
     idle: Idle = Idle()
     update: Updating = Updating()
     ready: Probe | None = None
     live: Probe | None = None
     interlock: Probe | None = None
-    """What must allow it before a container of this service is touched; None where nothing must."""
+    """The check that must succeed before rorg touches a container of this service; None if there is none."""
     protected: bool = False
     restart: str = "always"
     """always, on-failure or never."""
@@ -150,18 +151,18 @@ class Service:
     """Expected use, bytes."""
     driver: bool = False
     devices: tuple[Device, ...] = ()
-    """Those without which it does not run."""
+    """Devices without which it does not run."""
     unplugged: str = "stop"
-    """What becomes of it when one of them goes: stop or keep."""
+    """What happens when one of them is unplugged: stop or keep."""
     ros: RosParameters | None = None
     spec: Spec | None = None
     """None for a meta-service."""
     secrets: tuple[str, ...] = ()
-    """Variables of its environment whose values are secret: declared as such, or from a file of variables."""
+    """Variables of its environment with secret values: declared as such, or from a file of variables."""
     defaults: tuple[str, ...] = ()
-    """Options in the spec that nobody asked for: they come from the profile `common` that is built in."""
+    """Options in the spec that come only from the built-in profile `common`."""
     origins: Mapping[str, str] = field(default_factory=dict)
-    """Option -> what of the tree declares it."""
+    """Option -> what declares it."""
     description: str = ""
     labels: Mapping[str, str] = field(default_factory=dict)
     where: Where = Where("")
@@ -172,7 +173,7 @@ class Service:
 
     @property
     def calls(self) -> bool:
-        """It has a socket of rorg's."""
+        """Whether it has a socket of rorg."""
         return bool(self.may_request or self.may_manage or self.may_act_for)
 
     def manages(self, name: str) -> bool:
@@ -201,30 +202,30 @@ class Image:
     args: Mapping[str, str]
     import_command: tuple[str, ...] | None
     directory: str
-    """Where the import command runs."""
+    """Working directory of the import command."""
     where: Where = Where("")
     target: str = ""
     """The stage that is built; empty for the last one."""
     platform: str = ""
     """os/architecture; empty for the engine's own."""
     bases: tuple[str, ...] = ()
-    """References of all images that its Dockerfile uses, build arguments filled in: each FROM, COPY --from and
-    RUN --mount=from that names no stage of its own."""
+    """References of all images that its Dockerfile uses, with build arguments filled in: each FROM, COPY --from and RUN
+    --mount=from that does not name one of its own stages."""
     stand_ins: Mapping[str, str] = field(default_factory=dict)
-    """Reference in its Dockerfile -> what stands for it by `additional_contexts`: that is in `bases`."""
+    """Reference in its Dockerfile -> its replacement by `additional_contexts`, which is in `bases`."""
     cache_from: tuple[str, ...] = ()
-    """References of images whose layers may be used: no part of what it is."""
+    """References of images whose layers may be used; they are not part of its identity."""
     inline: str = ""
-    """Its Dockerfile, where that is no file: then `dockerfile` only says which .dockerignore counts."""
+    """Its Dockerfile, if that is not a file. Then `dockerfile` only selects the .dockerignore."""
     secrets: tuple[str, ...] = ()
-    """Arguments whose values are secret."""
+    """Build arguments with secret values."""
     reference: str = ""
-    """What services are made from: that of its content, once that is known."""
+    """The reference that services use: that of its content, once it is known."""
 
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """That a requester uses services."""
+    """A requester uses services."""
 
     id: str
     requester: str
@@ -232,15 +233,16 @@ class Request:
     """As written: names of services or groups."""
     reason: str = ""
     incarnation: str | None = None
-    """The run of the requester that sent it; None for meta-services, standing requests, and not yet bound ones."""
+    """The incarnation of the requester that sent it; None for meta-services, standing requests, and requests not yet
+    bound."""
     standing: bool = False
-    """Declared in a manifest, so it holds for every incarnation of its requester."""
+    """Declared in a manifest, so it applies to every incarnation of its requester."""
     priority: int | None = None
-    """Under pressure and for exclusive resources; None for that of the services themselves."""
+    """Used under pressure and for exclusive resources; None means the priority of the services themselves."""
     ttl: float | None = None
-    """Lease: seconds until it is dropped unless it is renewed; None for no end."""
+    """Lease: seconds until it is dropped unless renewed; None for no end."""
     renewed: str = ""
-    """Changes with every renewal, for a request that is renewed by way of the file."""
+    """Changes with every renewal, for requests that are renewed through the file."""
     where: Where = Where("")
 
     @property
@@ -250,7 +252,7 @@ class Request:
 
 @dataclass(frozen=True, slots=True)
 class Hold:
-    """A person's word that a service must not be active, until a time (seconds since the epoch)."""
+    """A person's order that a service must not be active until a time (seconds since the epoch)."""
 
     until: float
     reason: str = ""
@@ -266,14 +268,14 @@ class Catalog:
     networks: Mapping[str, EngineObject] = field(default_factory=dict)
     """By the name that services write."""
     volumes: Mapping[str, EngineObject] = field(default_factory=dict)
-    """Likewise."""
+    """By the name that services write."""
     requests: tuple[Request, ...] = ()
     policy: Policy = Policy()
     fingerprint: str = ""
-    """Identity of the tree's content: two equal ones declare the same."""
+    """Digest of the tree's content: equal digests declare the same."""
 
     def members(self, name: str) -> tuple[str, ...]:
-        """The services a name stands for: itself, a group's members, or nothing where the name is unknown."""
+        """The services of a name: itself, a group's members, or nothing if the name is unknown."""
         if name in self.services:
             return (name,)
         return self.groups[name].services if name in self.groups else ()

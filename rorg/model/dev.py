@@ -1,4 +1,4 @@
-"""Containers to develop in (the paper's Section III: the same image on the robot and on the developer's desk)."""
+"""Dev containers (Section III of the paper: the same image on the robot and on the developer's desk)."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 LABEL_DEV = "rorg.io/dev"
-"""The instance of the robot. They never carry rorg.io/owner: the loop would take them for a service's."""
+"""The instance of the robot. Dev containers never have rorg.io/owner: the loop would take them for a service's."""
 LABEL_OF = "rorg.io/dev-of"
 LABEL_SPEC = "rorg.io/dev-spec"
 LABEL_IMAGE = "rorg.io/dev-image"
@@ -17,27 +17,27 @@ LABEL_WITH = "rorg.io/dev-with"
 
 @dataclass(frozen=True, slots=True)
 class DevContainer:
-    """One that is there."""
+    """An existing dev container."""
 
     id: str
     name: str
     state: str
-    """The engine's word, as of a service's container."""
+    """As the engine reports it for any container."""
     of: str
     """NAME of a service, or image/NAME."""
     digest: str = ""
-    """Of what the manifests said when it was made, without the image."""
+    """Digest of the manifests' declaration when it was created, without the image."""
     image: str = ""
-    """Id of the image that it was made from."""
+    """Id of its image."""
     workspace: str = ""
     user: str = ""
-    """UID:GID of whoever develops in it."""
+    """UID:GID of the developer."""
     extras: tuple[str, ...] = ()
-    """Of x11 and gpu, what it has."""
+    """The extras that it has: x11, gpu."""
 
 
 def from_row(container: str, name: str, state: str, labels: Mapping[str, str]) -> DevContainer:
-    """One by the engine's list."""
+    """Reads a dev container from a row of the engine's list."""
     return DevContainer(
         container,
         name,

@@ -1,27 +1,27 @@
-"""Devices of this machine: which one a driver means, and what there is of it now."""
+"""Devices of this machine: the one that a driver means, and its current state."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 UNPLUGGED = ("stop", "keep")
-"""What becomes of a driver whose device goes."""
+"""What happens to a driver when its device is unplugged."""
 
 
 @dataclass(frozen=True, slots=True)
 class Device:
-    """One that a driver is given, by a name that stays or by what it says of itself."""
+    """A device of a driver, by a stable path or by its attributes."""
 
     text: str
-    """Its entry among the container's `devices`: PATH[:TARGET[:PERMISSIONS]], or udev(...):TARGET[:PERMISSIONS]."""
+    """Its entry in the container's `devices`: PATH[:TARGET[:PERMISSIONS]], or udev(...):TARGET[:PERMISSIONS]."""
     path: str = ""
-    """On the machine; empty for one that is known by its attributes."""
+    """Path on the machine; empty for a device that is identified by attributes."""
     udev: tuple[tuple[str, str], ...] = ()
-    """(attribute, value) of it, sorted: vendor, product, serial, subsystem."""
+    """Its (attribute, value) pairs, sorted: vendor, product, serial, subsystem."""
 
     @property
     def identity(self) -> str:
-        """The same for the same device, wherever it is plugged in and whatever it is called in the container."""
+        """Identifies the device, independent of the port and of its name in the container."""
         return self.path or "udev(" + ",".join(f"{name}={value}" for name, value in self.udev) + ")"
 
     def __str__(self) -> str:
@@ -30,12 +30,12 @@ class Device:
 
 @dataclass(frozen=True, slots=True)
 class Plugged:
-    """What there is of a device now."""
+    """The current state of a device."""
 
     node: str = ""
-    """Path of its node, links followed; empty where it cannot be used."""
+    """Path of its node, links resolved; empty if it cannot be used."""
     number: str = ""
-    """Kind and number of the node, such as "c 188:0"; empty of a directory of nodes."""
+    """Type and number of the node, such as "c 188:0"; empty for a directory of nodes."""
     problem: str = ""
     """Why it cannot be used, such as "is not there"."""
 

@@ -1,4 +1,4 @@
-"""What is wrong with a manifest, and where."""
+"""Mistakes in manifests, with their places."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ class Where:
 
 @dataclass(frozen=True, slots=True, order=True)
 class Diagnostic:
-    """One finding: an error refuses the whole tree, a warning lets it pass."""
+    """One mistake or finding: an error refuses the whole tree, a warning does not."""
 
     where: Where
     message: str
     remedy: str = ""
     severity: str = "error"
     code: str = ""
-    """What is found, in short words that stay: docs/reference/findings.md has a section of each. Empty for a mistake of
-    form, which says all there is to say."""
+    """The stable code of a finding; docs/reference/findings.md has a section for each. Empty for a mistake of form,
+    whose message is complete."""
 
     def on(self, robot: str) -> Diagnostic:
-        """The same, found for one robot of a fleet."""
+        """The same diagnostic, found for one robot of a fleet."""
         return replace(self, message=f"{self.message} (on {robot})")
 
     def __str__(self) -> str:
-        """One line, whatever of a file is cited in it."""
+        """The diagnostic on one line, even if the quoted text has several."""
         tail = f"; try {self.remedy}" if self.remedy else ""
         code = f" [{self.code}]" if self.code else ""
         return f"{self.where}: {self.severity}: {self.message}{tail}{code}".replace("\n", "\\n")
@@ -56,13 +56,13 @@ class Diagnostic:
 
 
 MOST_SUGGESTIONS = 100
-"""Unknown names of one tree for which a known one is suggested: each is compared to every known name."""
+"""Maximum number of suggestions per tree: each unknown name is compared with every known one."""
 _LEFT: ContextVar[list[int] | None] = ContextVar("suggestions", default=None)
 
 
 @contextmanager
 def few_suggestions() -> Iterator[None]:
-    """While somebody's tree is read."""
+    """Limits suggestions while a tree is read."""
     token = _LEFT.set([MOST_SUGGESTIONS])
     try:
         yield
@@ -71,7 +71,7 @@ def few_suggestions() -> Iterator[None]:
 
 
 def close_to(name: str, known: Iterable[str], cutoff: float = 0.6) -> str:
-    """The known name that is closest; empty if none is close, or if enough were suggested."""
+    """The closest known name; empty if none is close, or if there were enough suggestions."""
     left = _LEFT.get()
     if left is not None:
         if left[0] <= 0:
@@ -81,9 +81,13 @@ def close_to(name: str, known: Iterable[str], cutoff: float = 0.6) -> str:
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """A remedy that names the closest known name, or the known ones where none is close."""
+    """A remedy that names the closest known name, or a few known names if none is close."""
     names = sorted(known)
-    close = close_to(name, names)
-    if close:
+    if close := close_to(name, names):
         return f"'{close}'"
     return f"one of {', '.join(names)}" if names and len(names) <= 12 else ""
+
+
+def unknown(where: Where, what: str, name: str, known: Iterable[str]) -> Diagnostic:
+    """The error for a name that means nothing; `what` is the kind of thing that it should name."""
+    return Diagnostic(where, f"unknown {what} '{name}'", nearest(name, known))

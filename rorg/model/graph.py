@@ -1,5 +1,4 @@
-"""Of any set of services: what they need, where needs go in a circle, what of them must not be active together, and
-what does not fit. Of images: what each stands on, and what is made from it."""
+"""Graphs of services and images: needs and their cycles, conflicts, overbooked resources, bases of images."""
 
 from __future__ import annotations
 
@@ -12,7 +11,7 @@ from rorg.model.image_names import plain
 
 
 def closure(services: Mapping[str, Service], names: Iterable[str]) -> set[str]:
-    """The named services and all that they need."""
+    """The named services and everything that they need."""
     found: set[str] = set()
     pending = list(names)
     while pending:
@@ -24,9 +23,9 @@ def closure(services: Mapping[str, Service], names: Iterable[str]) -> set[str]:
 
 
 def cycles(graph: Mapping[str, Iterable[str]]) -> list[list[str]]:
-    """For every edge that lies on a cycle, a shortest cycle through it: as a path in the direction of the edges that
-    begins and ends with its least name. Each is there once, sorted; there can be more cycles than one wants to read,
-    but without the edges of these there is none."""
+    """Returns a shortest cycle through every edge that is on a cycle, as a path in the direction of the edges that
+    starts and ends at its least name. Each cycle appears once, sorted. The graph may have many more cycles, but none
+    without these edges."""
     try:
         TopologicalSorter(graph).prepare()
     except CycleError:
@@ -36,7 +35,7 @@ def cycles(graph: Mapping[str, Iterable[str]]) -> list[list[str]]:
 
 
 def _path(graph: Mapping[str, Iterable[str]], begin: str, end: str) -> tuple[str, ...]:
-    """A shortest way along the edges, both ends included; empty where there is none."""
+    """A shortest path along the edges, both ends included; empty if there is none."""
     before: dict[str, str] = {begin: ""}
     pending = deque([begin])
     while pending and end not in before:
@@ -52,20 +51,20 @@ def _path(graph: Mapping[str, Iterable[str]], begin: str, end: str) -> tuple[str
 
 
 def _from_least(names: tuple[str, ...]) -> tuple[str, ...]:
-    """A circle of names, beginning with the least and ending with it again."""
+    """A cycle of names that starts and ends at the least one."""
     start = names.index(min(names))
     return (*names[start:], *names[:start], names[start])
 
 
 def conflicting(services: Mapping[str, Service], names: Iterable[str]) -> list[tuple[str, str]]:
-    """Pairs among `names` that must not be active together; a conflict declared on one side counts for both."""
+    """Pairs among `names` that conflict; a conflict that one side declares counts for both."""
     chosen = set(names)
     pairs = {(min(n, c), max(n, c)) for n in chosen if n in services for c in services[n].conflicts if c in chosen}
     return sorted(p for p in pairs if p[0] != p[1])
 
 
 def overbooked(catalog: Catalog, names: Iterable[str]) -> list[str]:
-    """In words, the exclusive resources of which these services, all active, would use more than there are."""
+    """Describes the exclusive resources of which these services together use more than exist."""
     used: dict[str, dict[str, int]] = {}
     for name in sorted(n for n in names if n in catalog.services):
         for resource, units in catalog.services[name].exclusive.items():
@@ -79,19 +78,19 @@ def overbooked(catalog: Catalog, names: Iterable[str]) -> list[str]:
 
 
 def stands_on(images: Mapping[str, Image]) -> dict[str, tuple[str, ...]]:
-    """Of each image, the images that its Dockerfile uses: names of Images of the tree, and of all others, which are
-    external, the shortest references."""
+    """Image -> the images that its Dockerfile uses: names of Images of the tree, and the shortest references of
+    external ones."""
     return {name: tuple(dict.fromkeys(map(plain, image.bases))) for name, image in images.items()}
 
 
 def parents_first(images: Mapping[str, Image]) -> list[str]:
-    """Images, each after those of them that it stands on. Raises CycleError, which load() does not let happen."""
+    """Images, each after its bases. Raises CycleError, which load() prevents."""
     below = {name: [b for b in bases if b in images] for name, bases in stands_on(images).items()}
     return list(TopologicalSorter(below).static_order())
 
 
 def made_from(catalog: Catalog) -> dict[str, list[str]]:
-    """Of each image that services are made from, by its name or its shortest reference: these services, sorted."""
+    """Image, by its name or shortest reference -> the services that use it, sorted."""
     called = {image.reference: name for name, image in catalog.images.items() if image.reference}
     found: dict[str, list[str]] = {}
     for name in sorted(catalog.services):

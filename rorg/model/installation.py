@@ -1,4 +1,4 @@
-"""What is known of an rorg that is installed on a machine: facts, as they were found once."""
+"""Facts about an installed rorg and its machine, gathered once."""
 
 from __future__ import annotations
 
@@ -10,50 +10,50 @@ from rorg.model.engines import DEFAULT_ENGINE
 
 @dataclass(frozen=True, slots=True)
 class Space:
-    """Of one file system."""
+    """Free space of one file system."""
 
     path: str
     free: int
-    """Bytes that may still be written."""
+    """Free bytes."""
     total: int
     files: int = 0
-    """Files that may still be made; 0 where it does not count them."""
+    """Free inodes; 0 if the file system does not count them."""
 
 
 @dataclass(frozen=True, slots=True)
 class Installation:
-    """An empty text means that nothing is wrong, or that nothing is known, as is said of each."""
+    """The facts. In the `_error` fields, empty means no problem."""
 
     engine: str = DEFAULT_ENGINE
     engine_host: str = ""
     engine_error: str = ""
-    """Why it does not answer; empty where it does."""
+    """Why the engine does not answer; empty if it does."""
     engine_denied: bool = False
-    """It is there, and this user may not use it."""
+    """The engine runs, but this user may not use it."""
     engine_version: str = ""
     live_restore: bool = True
     cgroup: int = 2
     pressure: bool = True
-    """The kernel tells for how long programs wait (PSI)."""
+    """The kernel reports how long programs wait (PSI)."""
     state_dir: str = ""
     state_error: str = ""
-    """Why it cannot be used."""
+    """Why the state directory cannot be used."""
     running: int = 0
-    """Process id of the rorg that owns it; 0 for none."""
+    """Process id of the rorg that owns the state directory; 0 for none."""
     socket: str = ""
     socket_error: str = ""
     """Why the running rorg does not answer this user."""
     answers: bool = False
     """The running rorg answers at its socket."""
     journal_error: str = ""
-    """What is wrong with the file of the history."""
+    """A problem with the journal; empty if there is none."""
     git_version: str = ""
-    """Empty where there is none."""
+    """Empty if git is not installed."""
     git_refusal: str = ""
-    """Why git says nothing of the manifests, though they lie in a repository."""
+    """Why git refuses to read the manifests, although they are in a repository."""
     clock_synchronized: bool | None = True
-    """None where the kernel does not say."""
+    """None if the kernel does not report it."""
     spaces: tuple[Space, ...] = ()
     open_files: int = 1024
-    """Files that this user's programs may have open."""
+    """Maximum number of open files of this user's programs."""
     sysctls: Mapping[str, int] = field(default_factory=dict)

@@ -1,7 +1,7 @@
-"""What one service's container has of another service's: its network, its shared memory, its processes, its volumes.
+"""Joined containers: one service's container uses another's network, shared memory, processes or volumes.
 
-The forms are Compose's: `network_mode`, `ipc` and `pid` say `service:NAME`, `volumes_from` says NAME or NAME:ro. What
-is declared, and so digested, names the service; the engine is told the id of its container.
+The forms are Compose's: `network_mode`, `ipc` and `pid` contain `service:NAME`; `volumes_from` contains NAME or
+NAME:ro. The declared and digested spec has the service's name; the engine gets the id of its container.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 NAMESPACES = ("network_mode", "ipc", "pid")
-"""Options of which one alone says whose it is. The run of a service ends with that of the one whose namespace it has;
-volumes stay what they are."""
+"""Options that name one namespace. A run ends with the run of the service whose namespace it uses; volumes outlive a
+run."""
 VOLUMES = "volumes_from"
 SERVICE = "service:"
 CONTAINER = "container:"
@@ -22,7 +22,8 @@ Joins = Mapping[str, tuple[str, ...]]
 
 
 def named(options: Mapping[str, Any]) -> Iterator[tuple[str, int | None, str]]:
-    """(option, index in it, name) of all that may name a service. What `volumes_from` names may be a container, too."""
+    """(option, index in it, name) of everything that may be a service. Names in `volumes_from` may also be
+    containers."""
     for option in NAMESPACES:
         value = str(options.get(option) or "")
         if value.startswith(SERVICE):
@@ -33,12 +34,12 @@ def named(options: Mapping[str, Any]) -> Iterator[tuple[str, int | None, str]]:
 
 
 def ends_with(joins: Joins) -> list[str]:
-    """The services with whose run a run is over, since it has a namespace of theirs."""
+    """Services whose end also ends this service's run, because it uses a namespace of theirs."""
     return [name for name, options in joins.items() if set(options) & set(NAMESPACES)]
 
 
 def resolved(spec: Mapping[str, Any], joins: Joins, containers: Mapping[str, str]) -> dict[str, Any]:
-    """A spec as the engine takes it, with ids of containers (by service) in place of names of services."""
+    """The spec for the engine, with ids of containers (by service) instead of names of services."""
     found = dict(spec)
     for name, options in joins.items():
         for option in options:

@@ -1,4 +1,4 @@
-"""What was learnt of requests, frozen: what is requested after what, and how long it takes until then."""
+"""What rorg learned about requests, frozen: what follows what, and after how long."""
 
 from __future__ import annotations
 
@@ -6,42 +6,42 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 Names = tuple[str, ...]
-"""What a requester asks for, all its requests together: names of services and groups as they are written, sorted."""
+"""Everything a requester requests at one time: names of services and groups as written, sorted."""
 
 
 @dataclass(frozen=True, slots=True)
 class Departure:
-    """How a requester went on from what it asked for."""
+    """One change of what a requester requests."""
 
     after: float
-    """Seconds for which it had asked for that."""
+    """Seconds for which it had requested the previous names."""
     to: Names
-    """What it asked for then; empty for nothing."""
+    """The names it requested next; empty for nothing."""
 
 
 @dataclass(frozen=True, slots=True)
 class Learned:
-    """A Markov chain for each requester, whose states are what it asks for. The probabilities and the times are those
-    of the last departures from each, which are bounded in number (see core/learning.py)."""
+    """A Markov chain per requester, whose states are what it requests. Probabilities and times come from the last
+    departures from each state; core/learning.py limits their number."""
 
     departures: Mapping[str, Mapping[Names, tuple[Departure, ...]]] = field(default_factory=dict)
-    """Requester -> what it asked for -> how that went on, the latest last."""
+    """Requester -> requested names -> departures, the latest last."""
     took: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    """Service -> verb (start or resume) -> seconds that it took lately, from the call until it was ready."""
+    """Service -> verb (start or resume) -> recent seconds from the call until ready."""
 
     def of(self, requester: str, names: Names) -> tuple[Departure, ...]:
         return self.departures.get(requester, {}).get(names, ())
 
     @property
     def names(self) -> set[str]:
-        """All that was ever asked for."""
+        """All names that were ever requested."""
         states = (state for known in self.departures.values() for state in known.items())
         return {name for asked, ways in states for names in (asked, *(way.to for way in ways)) for name in names}
 
 
 @dataclass(frozen=True, slots=True)
 class Likelihood:
-    """That a service will be requested soon."""
+    """The likelihood that a service will be requested soon."""
 
     requester: str
     probability: float

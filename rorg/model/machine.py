@@ -1,4 +1,4 @@
-"""What is known of the machine that a robot is to run on: facts, gathered once (host/machine.py, engines/facts.py)."""
+"""Facts about the machine that a robot will run on, gathered once (host/machine.py, engines/facts.py)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ ABSENT, DEVICE, FILE, DIRECTORY, SOCKET = "absent", "device", "file", "directory
 
 @dataclass(frozen=True, slots=True)
 class Node:
-    """What is at a path."""
+    """The file at a path."""
 
     kind: str
     """absent, device, file, directory or socket."""
@@ -23,27 +23,27 @@ class Node:
     group: str = ""
     """The name of `gid` here."""
     near: str = ""
-    """Of what is absent: a path that is there, and most likely meant."""
+    """For an absent path: the existing path that was most likely meant."""
 
 
 @dataclass(frozen=True, slots=True)
 class Machine:
-    """This machine, as far as it was asked about."""
+    """The facts that were asked for."""
 
     nodes: Mapping[str, Node] = field(default_factory=dict)
     """By path."""
     plugged: Mapping[Device, Plugged] = field(default_factory=dict)
-    """Devices that drivers know by what these say of themselves."""
+    """State of devices that drivers identify by attributes."""
     ports: Mapping[int, str] = field(default_factory=dict)
-    """TCP ports that somebody listens at -> the program; those of the engine itself are not among them."""
+    """TCP ports in use -> the program; without those of the engine itself."""
     sysctls: Mapping[str, int] = field(default_factory=dict)
-    """Numbers of the kernel, by name."""
+    """Kernel settings that are numbers, by name."""
     cgroup: int = 2
     """Version of control groups."""
     cpus: int = 1
     memory: int = 0
     """Bytes."""
     shm: int | None = None
-    """Bytes that are free in /dev/shm; None where that is not known."""
+    """Free bytes in /dev/shm; None if unknown."""
     runtimes: frozenset[str] | None = None
-    """Of the engine; None where it was not asked, or does not answer."""
+    """Runtimes of the engine; None if it was not asked or does not answer."""

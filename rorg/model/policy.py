@@ -1,4 +1,4 @@
-"""What a tree says of the whole machine, frozen."""
+"""Settings for the whole machine, frozen."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True, slots=True)
 class Budget:
-    """Of the whole machine; None for all that it has."""
+    """Budget of the whole machine; None means everything it has."""
 
     cpu: float | None = None
     """Cores."""
     memory: int | None = None
     """Bytes."""
     over: str = "admit"
-    """admit, queue or refuse a request that would not fit."""
+    """admit, queue or refuse: what to do with a request that does not fit."""
 
 
 @dataclass(frozen=True, slots=True)
 class Thresholds:
-    """When measures against overload begin and end; `high` and `low` are fractions of the budget, `*_some` percent
-    of time (PSI, avg10), `step` and `calm` seconds."""
+    """When measures against overload begin and end. `high` and `low` are fractions of the budget, `*_some` percent of
+    time (PSI, avg10), `step` and `calm` seconds."""
 
     high: float = 1.0
     low: float = 0.85
@@ -34,38 +34,38 @@ class Thresholds:
 
 @dataclass(frozen=True, slots=True)
 class ImagePolicy:
-    """When images are had, and how many are kept."""
+    """When images are pulled or built, and how many are kept."""
 
     pull: str = "missing"
-    """missing or never: what becomes of an external image that is not on the machine."""
+    """missing or never: when to pull an external image."""
     build: str = "missing"
-    """The same for an Image of the tree."""
+    """The same for building an Image of the tree."""
     keep: int = 5
-    """States of the manifests whose images stay for a rollback."""
+    """Revisions of the manifests whose images are kept for a rollback."""
 
 
 @dataclass(frozen=True, slots=True)
 class HistoryPolicy:
-    """How much of what happened is kept."""
+    """How much history is kept."""
 
     days: float = 400.0
     events: int = 100_000
-    """Entries of the journal that are not about what people did."""
+    """Maximum number of journal entries, except those about people's actions."""
     revisions: int = 1000
 
 
 @dataclass(frozen=True, slots=True)
 class Policy:
-    """What is said of the whole machine."""
+    """The Policy of the whole machine."""
 
     resync: float = 60.0
     bulk_workers: int | None = None
-    """Engine calls at once for what no request waits for; None leaves it to whoever makes them."""
+    """Concurrent engine calls for work that no request waits for; None leaves it to the caller."""
     budget: Budget | None = None
     pressure: Thresholds | None = None
-    """None: load is not looked at."""
+    """None: load is not monitored."""
     resources: Mapping[str, int] = field(default_factory=dict)
-    """Exclusive resource -> how many units there are; 1 where it is not named."""
+    """Exclusive resource -> number of units; 1 if it is not listed."""
     purge_ros: bool = True
     purge_shm: bool = True
     removals: str = "ask"

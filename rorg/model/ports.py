@@ -1,4 +1,4 @@
-"""Ports as they are written in manifests: `ports` and `expose`, in Compose's short form."""
+"""Ports as manifests declare them: `ports` and `expose`, in Compose's short form."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ HIGHEST = 65535
 
 @dataclass(frozen=True, slots=True)
 class Published:
-    """One port of the container and where it is reached. `host` is "" for any free port; a range to choose one of."""
+    """One port of the container, and where it is reached. `host` is "" for any free port, or a range to choose from."""
 
     port: str
     """Such as 80/tcp."""
@@ -20,8 +20,8 @@ class Published:
 
 
 def parse_ports(text: str) -> list[Published]:
-    """[ADDRESS:][HOST:]CONTAINER[/PROTOCOL], where HOST and CONTAINER may be ranges of one length; a range for one
-    port of the container means any free one of it."""
+    """Parses [ADDRESS:][HOST:]CONTAINER[/PROTOCOL]. HOST and CONTAINER may be ranges of equal length; a range of hosts
+    for a single container port means any free one of them."""
     head, _, inside = text.rpartition(":")
     address, _, outside = head.rpartition(":")
     first, last, protocol = _inside(text, inside)
@@ -37,18 +37,18 @@ def parse_ports(text: str) -> list[Published]:
 
 
 def parse_expose(text: str) -> list[str]:
-    """PORT or RANGE, with /PROTOCOL, as the engine writes them: 80/tcp."""
+    """Parses PORT or RANGE, with /PROTOCOL, to the engine's form: 80/tcp."""
     first, last, protocol = _inside(text, text)
     return [f"{n}/{protocol}" for n in range(first, last + 1)]
 
 
 def check_target(text: str) -> None:
-    """Raises ValueError for what is neither a port of a container nor a range of them."""
+    """Raises ValueError unless the text is a container port or a range of them."""
     _range(text, text, 1)
 
 
 def check_published(text: str) -> None:
-    """The same of the host, where 0 is any free one."""
+    """Raises ValueError unless the text is a host port or a range; 0 is any free port."""
     _range(text, text, 0)
 
 

@@ -1,4 +1,4 @@
-"""Which names say that what they stand for is secret."""
+"""Recognizes names of secret values."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from typing import Any
 
 _PART = r"passw(?:or)?d|passphrase|secret|token|credential|api[-_]?key|access[-_]?key|private[-_]?key"
 NAME = rf"(?=[\w.-]*?(?:{_PART}))[\w.-]*+"
-"""Without regard to the case of letters. To be looked for where a word begins: it takes time linear in the word."""
+"""Ignores case. Search for it at the start of words: it takes time linear in the word."""
 _NAME = re.compile(NAME, re.IGNORECASE)
 
 
 def is_secret_name(name: str) -> bool:
-    """Of a variable, an option or a field."""
+    """Whether a variable, option or field with this name is secret."""
     return _NAME.fullmatch(name) is not None
 
 
 def secret_texts(name: str, value: Any) -> Iterator[str]:
-    """All texts in a plain JSON value that stand under such a name; of a path, such as a name of ROS, its last part
-    counts. `name` is that of the value itself."""
+    """All texts below secret names in a plain JSON value. Of a path, such as a ROS name, the last part counts. `name`
+    is the name of the value itself."""
     if isinstance(value, Mapping):
         for key, item in value.items():
             yield from secret_texts(name if is_secret_name(name) else key.rpartition("/")[2], item)

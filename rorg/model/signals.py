@@ -6,7 +6,8 @@ import signal
 
 
 def signal_number(name: str) -> int:
-    """Of a signal by its name, or by its number as text. Raises ValueError for one that the kernel does not have."""
+    """The number of a signal, given its name or its number as text. Raises ValueError if the kernel does not have
+    it."""
     base, sign, offset = name.partition("+") if "+" in name else name.partition("-")
     try:
         number = int(name) if name.isdecimal() else signal.Signals[base].value + int(f"{sign}{offset}" or 0)

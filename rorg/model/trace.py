@@ -1,4 +1,4 @@
-"""What a robot was asked for over some hours, frozen: the input of simulations, recorded or generated."""
+"""Requests to a robot over some hours, frozen: the input of simulations, recorded or generated."""
 
 from __future__ import annotations
 
@@ -7,22 +7,22 @@ from dataclasses import dataclass, replace
 
 @dataclass(frozen=True, slots=True)
 class TraceEvent:
-    """A requester asks for services, in place of what it asked for by this id; or releases it."""
+    """A requester requests services, replacing its request with this id, or releases it."""
 
     at: float
     """Seconds since the trace began."""
     requester: str
     id: str
-    """Of the request. A behaviour has one request, of its own name."""
+    """Id of the request. A behaviour has one request, with its own name."""
     services: tuple[str, ...] = ()
-    """Services and groups; none where the request is released."""
+    """Services and groups; none for a release."""
     state: str = ""
-    """The state that a behaviour is in from now on; empty for a request by itself."""
+    """The state that a behaviour enters; empty for other requests."""
 
 
 @dataclass(frozen=True, slots=True)
 class Trace:
-    """Events in order of time. Nothing is requested when it begins."""
+    """Events in order of time. Nothing is requested at the start."""
 
     name: str
     duration: float
@@ -31,7 +31,7 @@ class Trace:
     description: str = ""
 
     def states(self) -> list[tuple[float, float, str, str]]:
-        """(from, to, behaviour, state), in order of time: what the robot is doing."""
+        """(from, to, behaviour, state) of all states, in order of time."""
         found, open_at = list[tuple[float, float, str, str]](), dict[str, tuple[float, str]]()
         for event in self.events:
             if event.requester in open_at:
@@ -43,11 +43,11 @@ class Trace:
         return sorted(found)
 
     def compressed(self, factor: float) -> Trace:
-        """The same in a `factor`th of the time."""
+        """The same trace, `factor` times faster."""
         events = tuple(replace(event, at=event.at / factor) for event in self.events)
         return replace(self, duration=self.duration / factor, events=events)
 
     def delayed(self, seconds: float) -> Trace:
-        """The same after so many seconds in which nothing happens."""
+        """The same trace after a pause of so many seconds."""
         events = tuple(replace(event, at=event.at + seconds) for event in self.events)
         return replace(self, duration=self.duration + seconds, events=events)

@@ -1,4 +1,4 @@
-"""What is put into a container from outside, as one line of text: volumes, devices, file systems in memory."""
+"""Volumes, devices and tmpfs mounts in their short form, one line of text."""
 
 from __future__ import annotations
 
@@ -11,39 +11,11 @@ VOLUME_NAME = r"[a-zA-Z0-9][a-zA-Z0-9_.-]+"
 ACCESS = ("rw", "ro")
 PROPAGATION = ("private", "rprivate", "slave", "rslave", "shared", "rshared")
 _MODES = (ACCESS, ("z", "Z"), PROPAGATION, ("nocopy",), ("consistent", "cached", "delegated"))
-"""Of each at most one."""
-_TMPFS_FLAGS = frozenset(
-    (
-        "rw",
-        "ro",
-        "suid",
-        "nosuid",
-        "dev",
-        "nodev",
-        "exec",
-        "noexec",
-        "sync",
-        "async",
-        "dirsync",
-        "mand",
-        "nomand",
-        "atime",
-        "noatime",
-        "diratime",
-        "nodiratime",
-        "remount",
-        "bind",
-        "rbind",
-        "relatime",
-        "norelatime",
-        "strictatime",
-        "nostrictatime",
-        "defaults",
-        *PROPAGATION,
-        "unbindable",
-        "runbindable",
-    )
-)
+"""Groups of modes; at most one of each may be used."""
+_FLAGS = """
+rw ro suid nosuid dev nodev exec noexec sync async dirsync mand nomand atime noatime diratime nodiratime remount bind
+rbind relatime norelatime strictatime nostrictatime defaults unbindable runbindable"""
+_TMPFS_FLAGS = frozenset((*_FLAGS.split(), *PROPAGATION))
 _TMPFS_VALUES = ("size", "mode", "uid", "gid", "nr_inodes", "nr_blocks", "mpol")
 
 
@@ -52,18 +24,18 @@ class Volume:
     """One line of `volumes`."""
 
     source: str
-    """A path, the name of a volume, or "" for a volume without a name."""
+    """A path, the name of a volume, or "" for an unnamed volume."""
     target: str
     modes: tuple[str, ...] = ()
 
 
 def is_path(source: str) -> bool:
-    """Whether the source of a volume is a place on the host, and no name."""
+    """Whether the source of a volume is a path of the host rather than a name."""
     return source.startswith(("/", "./", "../", "~/")) or source in (".", "..")
 
 
 def parse_volume(text: str) -> Volume:
-    """SOURCE:/path/in/container[:MODES], or only a path in the container."""
+    """Parses SOURCE:/path/in/container[:MODES], or only a path in the container."""
     parts = text.split(":")
     if len(parts) > 3 or not is_target(parts[min(1, len(parts) - 1)]):
         raise ValueError(f"'{text}' is not a volume; write SOURCE:/path/in/container, with :ro for read only")
@@ -82,22 +54,22 @@ def parse_volume(text: str) -> Volume:
 
 
 def is_target(path: str) -> bool:
-    """Whether something can be mounted there."""
+    """Whether something can be mounted at this path."""
     return path.startswith("/") and path.strip("/") not in ("", ".")
 
 
 def same_path(path: str) -> str:
-    """One spelling of a path in a container."""
+    """Normalizes a path in a container."""
     return "/" + "/".join(part for part in path.split("/") if part not in ("", "."))
 
 
 def mounted_at(volume: str | Mapping[str, Any]) -> str:
-    """Where a volume is in the container, in one spelling."""
+    """The normalized path of a volume in the container."""
     return same_path(volume.split(":")[:2][-1] if isinstance(volume, str) else volume["target"])
 
 
 def parse_device(text: str) -> tuple[str, str, str]:
-    """On the host, in the container, and how it may be used there."""
+    """Parses a device: (path on the host, path in the container, permissions)."""
     source, _, rest = text.partition(":")
     target, colon, access = rest.partition(":")
     sound = source.startswith("/") and (not rest or target.startswith("/")) and not (":" in text and not rest)
@@ -107,7 +79,7 @@ def parse_device(text: str) -> tuple[str, str, str]:
 
 
 def parse_tmpfs(text: str) -> tuple[str, str]:
-    """Where it is mounted, and its options."""
+    """Parses a tmpfs mount: (path, options)."""
     target, colon, options = text.partition(":")
     if not is_target(target) or (colon and not options):
         raise ValueError(f"'{text}' is not a tmpfs mount; write /path/in/container, with :size=64m behind it")

@@ -1,4 +1,4 @@
-"""How services use the machine, frozen: what a simulation takes for the programs."""
+"""How services use the machine, frozen: a simulation uses this instead of the programs."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True, slots=True)
 class Distribution:
-    """One value (fixed), values around a mean (normal, never below 0), or one of those that were measured
-    (empirical)."""
+    """A fixed value, a normal distribution (cut off at 0), or measured values."""
 
     values: tuple[float, ...]
     deviation: float = 0.0
@@ -21,14 +20,15 @@ class Distribution:
 
 @dataclass(frozen=True, slots=True)
 class Behaviour:
-    """Of one service; None for what its manifest says (`resources`, `ready`), or what holds for all."""
+    """The behaviour of one service; None means what its manifest declares (`resources`, `ready`) or the general
+    default."""
 
     cpu: Distribution | None = None
-    """Cores while it does what it was requested for."""
+    """Cores while something wants it."""
     cpu_idle: Distribution | None = None
     """Cores while it runs and nothing wants it."""
     memory: Distribution | None = None
-    """Bytes, likewise."""
+    """Bytes while something wants it."""
     memory_idle: Distribution | None = None
     memory_paused: Distribution | None = None
     start: Distribution | None = None
@@ -36,26 +36,26 @@ class Behaviour:
     resume: Distribution | None = None
     """Seconds from the end of the engine's resume until it is ready."""
     stop: Distribution | None = None
-    """Seconds that its processes take to end, beside what the engine takes."""
+    """Seconds that its processes take to end, in addition to the engine's time."""
     growth: float = 0.0
-    """Bytes per second that its memory grows while it runs."""
+    """Growth of its memory while it runs, in bytes per second."""
     crashes: float = 0.0
-    """Per hour in which it runs."""
+    """Crashes per hour of running."""
 
 
 @dataclass(frozen=True, slots=True)
 class Workload:
-    """Behaviours by service; `others` for those that are not named."""
+    """Behaviours by service; `others` is for unlisted ones."""
 
     name: str = ""
     services: Mapping[str, Behaviour] = field(default_factory=dict)
     others: Behaviour = Behaviour()
     calls: Mapping[str, Distribution] = field(default_factory=dict)
-    """Seconds that a call of the engine takes, by verb: create, start, pause, resume, stop, remove."""
+    """Duration of engine calls in seconds, by verb: create, start, pause, resume, stop, remove."""
 
     measured: Mapping[tuple[str, str], tuple[float, ...]] = field(default_factory=dict)
-    """(verb, service) -> seconds that its calls took in a run, in their order: they take the same again, and what comes
-    after them goes by `calls`. `up` and `again` for verbs: from a start, and a resume, until it was ready."""
+    """(verb, service) -> seconds of its calls in a recorded run, in order. They are replayed first; later calls use
+    `calls`. The verbs `up` and `again` are the times from a start and from a resume until ready."""
 
     def of(self, service: str) -> Behaviour:
         return self.services.get(service, self.others)

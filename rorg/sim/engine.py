@@ -21,8 +21,8 @@ from rorg.errors import EngineError
 from rorg.model.devices import Plugged
 from rorg.model.engines import Capabilities
 from rorg.model.joining import NAMESPACES
-from rorg.model.live import LIVE
 from rorg.model.objects import Kind, subject
+from rorg.model.options import LIVE
 from rorg.model.units import stamp
 from rorg.sim.calls import LATENCY, UNSUPPORTED, Faults
 

@@ -8,12 +8,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 
-from rorg.core.cache import Cache
 from rorg.core.decide import Decision, decide
 from rorg.core.desired import Desired, desire
 from rorg.core.dispatch import DispatchLimits
 from rorg.core.found_objects import FoundObjects
-from rorg.core.inputs import Inputs
+from rorg.core.inputs import Cache, Inputs
 from rorg.core.memory import Memory, ProbeResult
 from rorg.core.observed import Container, Observed
 from rorg.core.operations import Start

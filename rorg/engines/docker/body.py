@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from rorg.model import options
 from rorg.model.ports import parse_expose, parse_ports
 from rorg.model.volumes import parse_device
 
@@ -17,14 +18,17 @@ NANO = 1_000_000_000
 UNMASKED = "systempaths=unconfined"
 OF_PROCESSES = frozenset(("inherit_environment",))
 """Options that are only for the process engine."""
+BESIDE = ("container_name", "labels", "platform")
+"""Options that are not part of the body: parameters of the call, and labels, which `create` adds."""
 
 
-def _top(key: str, turn: Callable[[Any], Any] = lambda v: v) -> Callable[[Body, Any], None]:
-    return lambda body, value: body.__setitem__(key, turn(value))
+def _put(api: str, turn: Callable[[Any], Any] | None) -> Callable[[Body, Any], None]:
+    part, _, key = api.rpartition(".")
 
+    def put(body: Body, value: Any) -> None:
+        (body[part] if part else body)[key] = turn(value) if turn else value
 
-def _host(key: str, turn: Callable[[Any], Any] = lambda v: v) -> Callable[[Body, Any], None]:
-    return lambda body, value: body["HostConfig"].__setitem__(key, turn(value))
+    return put
 
 
 def _key_value(pairs: Mapping[str, str]) -> list[str]:
@@ -180,86 +184,29 @@ def _tmpfs(body: Body, values: list[str]) -> None:
     body["HostConfig"]["Tmpfs"] = {v.partition(":")[0]: v.partition(":")[2] for v in values}
 
 
-def _nothing(body: Body, value: Any) -> None:
-    """Not part of the body: the name and the platform are parameters of the call."""
-
-
+_TURNS: Mapping[str, Callable[[Any], Any]] = {
+    "cpus": lambda v: round(v * NANO),
+    "devices": lambda v: [_device(d) for d in v],
+    "environment": _key_value,
+    "gpus": lambda v: [_gpu(g) for g in v],
+    "healthcheck": _healthcheck,
+    "logging": lambda v: {"Type": v.get("driver", "json-file"), "Config": v.get("options", {})},
+    "restart": _restart,
+    "stop_grace_period": lambda v: max(1, round(v)),
+    "ulimits": lambda v: [{"Name": n, "Soft": u["soft"], "Hard": u["hard"]} for n, u in v.items()],
+    "volumes_from": lambda v: [c.removeprefix("container:") for c in v],
+}
+"""Option -> its value in the API, if it differs from the one in manifests."""
 OPTIONS: Mapping[str, Callable[[Body, Any], None]] = {
-    "annotations": _host("Annotations"),
+    **{name: _put(option.api, _TURNS.get(name)) for name, option in options.OPTIONS.items() if option.api},
+    **dict.fromkeys(BESIDE, lambda _body, _value: None),
     "blkio_config": _blkio,
-    "cap_add": _host("CapAdd"),
-    "cap_drop": _host("CapDrop"),
-    "cgroup": _host("CgroupnsMode"),
-    "cgroup_parent": _host("CgroupParent"),
-    "command": _top("Cmd"),
-    "container_name": _nothing,
-    "cpu_period": _host("CpuPeriod"),
-    "cpu_quota": _host("CpuQuota"),
-    "cpu_rt_period": _host("CpuRealtimePeriod"),
-    "cpu_rt_runtime": _host("CpuRealtimeRuntime"),
-    "cpu_shares": _host("CpuShares"),
-    "cpus": _host("NanoCpus", lambda v: round(v * NANO)),
-    "cpuset": _host("CpusetCpus"),
-    "cpuset_mems": _host("CpusetMems"),
-    "device_cgroup_rules": _host("DeviceCgroupRules"),
-    "devices": _host("Devices", lambda v: [_device(d) for d in v]),
-    "dns": _host("Dns"),
-    "dns_opt": _host("DnsOptions"),
-    "dns_search": _host("DnsSearch"),
-    "domainname": _top("Domainname"),
-    "entrypoint": _top("Entrypoint"),
-    "environment": _top("Env", _key_value),
     "expose": _expose,
-    "extra_hosts": _host("ExtraHosts"),
-    "gpus": _host("DeviceRequests", lambda v: [_gpu(g) for g in v]),
-    "group_add": _host("GroupAdd"),
-    "healthcheck": _top("Healthcheck", _healthcheck),
-    "hostname": _top("Hostname"),
-    "image": _top("Image"),
-    "init": _host("Init"),
-    "ipc": _host("IpcMode"),
-    "isolation": _host("Isolation"),
-    "labels": _nothing,
-    "links": _host("Links"),
-    "logging": _host("LogConfig", lambda v: {"Type": v.get("driver", "json-file"), "Config": v.get("options", {})}),
-    "mac_address": _top("MacAddress"),
-    "masked_paths": _host("MaskedPaths"),
-    "mem_limit": _host("Memory"),
-    "mem_reservation": _host("MemoryReservation"),
-    "mem_swappiness": _host("MemorySwappiness"),
-    "memswap_limit": _host("MemorySwap"),
-    "network_disabled": _top("NetworkDisabled"),
-    "network_mode": _host("NetworkMode"),
     "networks": _networks,
-    "oom_kill_disable": _host("OomKillDisable"),
-    "oom_score_adj": _host("OomScoreAdj"),
-    "pid": _host("PidMode"),
-    "pids_limit": _host("PidsLimit"),
-    "platform": _nothing,
     "ports": _ports,
-    "privileged": _host("Privileged"),
-    "publish_all_ports": _host("PublishAllPorts"),
-    "read_only": _host("ReadonlyRootfs"),
-    "readonly_paths": _host("ReadonlyPaths"),
-    "restart": _host("RestartPolicy", _restart),
-    "runtime": _host("Runtime"),
     "security_opt": _security,
-    "shm_size": _host("ShmSize"),
-    "stdin_open": _top("OpenStdin"),
-    "stop_grace_period": _top("StopTimeout", lambda v: max(1, round(v))),
-    "stop_signal": _top("StopSignal"),
-    "storage_opt": _host("StorageOpt"),
-    "sysctls": _host("Sysctls"),
     "tmpfs": _tmpfs,
-    "tty": _top("Tty"),
-    "ulimits": _host("Ulimits", lambda v: [{"Name": n, "Soft": u["soft"], "Hard": u["hard"]} for n, u in v.items()]),
-    "user": _top("User"),
-    "userns_mode": _host("UsernsMode"),
-    "uts": _host("UTSMode"),
-    "volume_driver": _host("VolumeDriver"),
     "volumes": _volumes,
-    "volumes_from": _host("VolumesFrom", lambda v: [c.removeprefix("container:") for c in v]),
-    "working_dir": _top("WorkingDir"),
 }
 
 

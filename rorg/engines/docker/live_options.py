@@ -6,19 +6,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from rorg.engines.docker.body import NANO, Body, create_body
+from rorg.model.options import LIVE, OPTIONS
 
-_LIVE = {
-    "cpu_period": "CpuPeriod",
-    "cpu_quota": "CpuQuota",
-    "cpu_rt_period": "CpuRealtimePeriod",
-    "cpu_rt_runtime": "CpuRealtimeRuntime",
-    "cpu_shares": "CpuShares",
-    "cpuset": "CpusetCpus",
-    "cpuset_mems": "CpusetMems",
-    "mem_limit": "Memory",
-    "mem_reservation": "MemoryReservation",
-    "memswap_limit": "MemorySwap",
-}
+_LIVE = {name: OPTIONS[name].api.removeprefix("HostConfig.") for name in LIVE - {"container_name"}}
 
 
 def live_options(host: Mapping[str, Any]) -> dict[str, Any]:

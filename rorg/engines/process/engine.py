@@ -28,7 +28,7 @@ from rorg.engines.process.table import stat
 from rorg.engines.protocol import NONE, Usage
 from rorg.errors import EngineError
 from rorg.model.engines import ENGINES
-from rorg.model.live import LIVE
+from rorg.model.options import LIVE
 from rorg.model.units import stamp
 
 

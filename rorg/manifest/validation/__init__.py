@@ -1,1 +1,1 @@
-"""What is wrong with a robot as a whole, though each of its manifests may be right: one file a family of checks."""
+"""Checks of a robot as a whole, whose manifests may each be valid: one file per family of checks."""

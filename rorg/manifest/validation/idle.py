@@ -1,4 +1,4 @@
-"""What becomes of services that nobody wants, and what that does to those that talk to them."""
+"""Idle services: what pausing or stopping them does to the services that talk to them."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ import re
 from collections.abc import Iterator
 from functools import lru_cache
 
-from rorg.manifest.validation.finding import Finding
-from rorg.manifest.validation.robot import Robot
+from rorg.manifest.validation.robot import Finding, Robot, each
 from rorg.manifest.validation.subject import Subject
 from rorg.manifest.validation.texts import LOCAL, calls_of, names_of_nodes, ports_of, texts_of
 
@@ -16,17 +15,41 @@ ACTUATORS = re.compile(
     r"ackermann|diff_drive|dynamixel|(?<![a-z])(motors?|wheels?|servos?|grippers?|thrusters?|actuators?)(?![a-z])",
     re.IGNORECASE,
 )
-"""Words by which programs are known that move something."""
+"""Words that identify programs which move something."""
 HINTS = (
     *("cmd", "twist_mux", "control", "trajectory", "ackermann", "diff_drive", "dynamixel"),
     *("motor", "wheel", "servo", "gripper", "thruster", "actuator"),
 )
-"""Parts of these words: to look for one of them takes a hundredth of the time of the expression."""
+"""Parts of these words. Searching for them takes a hundredth of the time of the expression."""
 LIMBS = re.compile(r"(?<![a-z])(arms?|base|chassis|drive|hands?|legs?|lift|manipulator|ptu)(?![a-z])")
-"""Names of drivers that move something. Words of other services as well, so only names of drivers count."""
+"""Names of drivers that move something. Other services use these words too, so only drivers count."""
 NEVER = 86_400.0
-"""Seconds. Whoever waits longer than a day means that it is never ready while it runs."""
+"""Seconds. A longer delay means: never ready while it runs."""
+INFRASTRUCTURE = {
+    "roscore": "the ROS master",
+    "rosmaster": "the ROS master",
+    "fast-discovery-server": "a discovery server",
+    "fastdds": "a discovery server",
+    "rmw_zenohd": "a router",
+    "zenohd": "a router",
+    "rosbridge_websocket": "a bridge",
+    "rorg_ros": "rorg's own bridge",
+    "mosquitto": "a message broker",
+}
+"""Programs that all others talk to, by the name of their command. A call to a paused one does not fail; it hangs until
+the program resumes."""
 LATCHED = frozenset(("map_server", "static_transform_publisher", "robot_state_publisher", "tf2_ros"))
+
+
+def _infrastructure(robot: Robot) -> Iterator[Finding]:
+    for subject in (s for s in robot.subjects if s.service.idle.action == "pause"):
+        names = (word.rpartition("/")[2] for word in subject.words)
+        what = next((INFRASTRUCTURE[name] for name in names if name in INFRASTRUCTURE), "")
+        if what:
+            message = (
+                f"'{subject.name}' would be paused when idle, but it is {what}: everything that talks to it would hang"
+            )
+            yield Finding("pause-of-infrastructure", subject.source.where("spec", "idle", "action"), message)
 
 
 def _actuators(robot: Robot) -> Iterator[Finding]:
@@ -36,21 +59,21 @@ def _actuators(robot: Robot) -> Iterator[Finding]:
         limb = LIMBS.search(subject.name) if subject.service.driver and not found else None
         found = limb[0] if limb else found
         if found:
-            message = f"'{subject.name}' is paused when idle, and it moves something ('{found}'): resumed, it gets "
-            message += "all commands that came meanwhile"
+            message = f"'{subject.name}' is paused when idle, and it moves something ('{found}'): on resume it "
+            message += "receives all commands sent meanwhile"
             yield Finding("pause-of-actuator-consumer", subject.at("idle", "action"), message)
 
 
 @lru_cache(maxsize=8192)
 def _actuator(text: str) -> str:
-    """The first word by which it moves something; empty for none."""
+    """The first word that shows that it moves something; empty if there is none."""
     low = text.lower()
     found = ACTUATORS.search(text) if any(hint in low for hint in HINTS) else None
     return found[0] if found else ""
 
 
 def _nodes(robot: Robot) -> Iterator[Finding]:
-    """Two services with one name in the ROS graph."""
+    """Services with the same node name in the ROS graph."""
     owners: dict[str, list[Subject]] = {}
     for subject in robot.ros1:
         for name in sorted(names_of_nodes(subject)):
@@ -62,9 +85,7 @@ def _nodes(robot: Robot) -> Iterator[Finding]:
                 paused = next((s for s in (other, first) if s.pauses), None)
                 if not robot.apart(first, other) and ("", first.name, other.name) not in told:
                     told.add(("", first.name, other.name))
-                    message = (
-                        f"'{first.name}' starts the ROS node '{name}' too, and nothing keeps them from running at once"
-                    )
+                    message = f"'{first.name}' starts the ROS node '{name}' too, and nothing keeps them apart"
                     remedy = f"conflicts: [{first.name}]"
                     yield Finding("conflict-not-declared", other.command(), message, remedy)
                 if paused and ("pause", first.name, other.name) not in told:
@@ -75,7 +96,7 @@ def _nodes(robot: Robot) -> Iterator[Finding]:
 
 
 def _callees(robot: Robot) -> Iterator[Finding]:
-    """Those that others call, or that newcomers must hear from."""
+    """Paused services that others call, or that late subscribers must hear from."""
     for subject in (s for s in robot.subjects if s.pauses):
         where = subject.at("idle", "action")
         for asked in (a for a in subject.asked_ready if a.probe.kind == "ros_service"):
@@ -83,7 +104,7 @@ def _callees(robot: Robot) -> Iterator[Finding]:
             yield Finding("pause-of-ros-service", where, message)
         latched = [] if subject.mindful else sorted(LATCHED & subject.programs)
         if latched:
-            message = f"'{latched[0]}' says once what newcomers need, and says nothing while '{subject.name}' is paused"
+            message = f"late subscribers get nothing from '{latched[0]}' while '{subject.name}' is paused"
             yield Finding("pause-of-latched-publisher", where, message)
         check = subject.options.get("healthcheck")
         if check and not check.get("disable") and check.get("test") != ["NONE"]:
@@ -92,7 +113,7 @@ def _callees(robot: Robot) -> Iterator[Finding]:
 
 
 def _servers(robot: Robot) -> Iterator[Finding]:
-    """Those that others connect to, which do not keep them active."""
+    """Paused servers that others connect to without keeping them active."""
     for subject in (s for s in robot.subjects if s.pauses and not s.is_master and ports_of(s)):
         others = (s for s in robot.subjects if s is not subject and not robot.apart(s, subject))
         found = [(s, port) for s in others if (port := _called(s, subject))]
@@ -106,33 +127,31 @@ def _servers(robot: Robot) -> Iterator[Finding]:
 
 
 def _called(caller: Subject, server: Subject) -> str:
-    """The port of a server that a caller names; empty where it names none, or one of another place."""
+    """The port of a server that a caller uses; empty if it uses none, or one on another host."""
     ports, names = ports_of(server), (server.name, server.service.container_name)
     shared = caller.network == "host" and (server.network == "host" or server.options.get("ports"))
     hosts = (*names, *(LOCAL if shared else ()))
     return next((port for host, port in sorted(calls_of(caller)) if port in ports and host in hosts), "")
 
 
-def _lingering(robot: Robot) -> Iterator[Finding]:
-    for subject in robot.subjects:
-        idle, ready = subject.service.idle, subject.service.ready
-        if ready is None or ready.delay is None:
-            continue
-        if ready.timeout <= ready.delay < NEVER:
-            message = f"ready after {ready.delay:g} s, and late after {ready.timeout:g} s"
-            yield Finding("ready-after-its-timeout", subject.at("ready", "delay"), message)
-        if 0 < idle.linger < ready.delay and idle.action != "pause" and not subject.service.always_on:
-            message = f"'{subject.name}' lingers {idle.linger:g} s, and needs {ready.delay:g} s to come up again"
-            yield Finding("linger-shorter-than-start", subject.at("idle", "linger"), message)
+def _lingering(subject: Subject) -> Iterator[Finding]:
+    idle, ready = subject.service.idle, subject.service.ready
+    if ready is None or ready.delay is None:
+        return
+    if ready.timeout <= ready.delay < NEVER:
+        message = f"ready after {ready.delay:g} s, and late after {ready.timeout:g} s"
+        yield Finding("ready-after-its-timeout", subject.at("ready", "delay"), message)
+    if 0 < idle.linger < ready.delay and idle.action != "pause" and not subject.service.always_on:
+        message = f"'{subject.name}' lingers {idle.linger:g} s, and needs {ready.delay:g} s to come up again"
+        yield Finding("linger-shorter-than-start", subject.at("idle", "linger"), message)
 
 
-def _never_paused(robot: Robot) -> Iterator[Finding]:
-    """Who says itself what is done instead of a pause, and would not be paused."""
-    for subject in robot.subjects:
-        said = ("spec", "idle", "connected") in subject.source.document.values
-        if said and subject.mindful and subject.service.idle.action != "pause":
-            message = f"'{subject.name}' is not paused when idle, so `connected` changes nothing"
-            yield Finding("connected-without-pause", subject.at("idle", "connected"), message)
+def _never_paused(subject: Subject) -> Iterator[Finding]:
+    """Services with `connected` that are never paused."""
+    said = ("spec", "idle", "connected") in subject.source.document.values
+    if said and subject.mindful and subject.service.idle.action != "pause":
+        message = f"'{subject.name}' is not paused when idle, so `connected` has no effect"
+        yield Finding("connected-without-pause", subject.at("idle", "connected"), message)
 
 
-CHECKS = (_actuators, _nodes, _callees, _servers, _never_paused, _lingering)
+CHECKS = (_infrastructure, _actuators, _nodes, _callees, _servers, *map(each, (_never_paused, _lingering)))

@@ -1,80 +1,81 @@
-"""Limits, logs and memory: what does not fit what is expected, or the machine."""
+"""Limits, logs and memory that do not fit expectations or the machine."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
-from rorg.manifest.validation.finding import Finding
-from rorg.manifest.validation.robot import Robot
+from rorg.manifest.validation.robot import Finding, Robot, each
 from rorg.manifest.validation.subject import Subject
 from rorg.model.graph import closure
-from rorg.model.units import format_memory, parse_memory
+from rorg.model.units import format_memory
 
 MOST_FILES = 1 << 20
-"""Python 2 and roslaunch close every number up to the limit for each process that they start."""
+"""Python 2 and roslaunch close every descriptor up to the limit for each process that they start."""
 
 
-def memory_of(value: object) -> int:
-    """Bytes of an option; 0 for none, and for no limit."""
-    try:
-        return max(0, value if isinstance(value, int) else parse_memory(str(value)))
-    except ValueError:
-        return 0
+def memory_limit(subject: Subject) -> int:
+    """Bytes; 0 for no limit."""
+    return max(0, subject.options.get("mem_limit") or 0)
 
 
-def _expected(robot: Robot) -> Iterator[Finding]:
-    """Limits below what the same manifest expects to be used."""
-    for subject in robot.subjects:
-        limit, cores = memory_of(subject.options.get("mem_limit") or 0), float(subject.options.get("cpus") or 0)
-        memory, cpu = subject.service.memory, subject.service.cpu
-        if 0 < limit < memory:
-            message = f"mem_limit {format_memory(limit)} is below the {format_memory(memory)} of resources.memory: the "
-            message += "kernel kills it"
-            yield Finding("limit-below-expected", subject.option("mem_limit"), message)
-        if 0 < cores < cpu:
-            message = f"cpus {cores:g} is below the {cpu:g} of resources.cpu: it is held back all the time"
-            yield Finding("limit-below-expected", subject.option("cpus"), message)
+def always_on(robot: Robot) -> tuple[set[str], float, int]:
+    """The services that are active without any request, with the cores and the bytes that they are expected to use."""
+    services = robot.catalog.services
+    names = closure(services, [s.name for s in services.values() if s.always_on])
+    return names, sum(services[n].cpu for n in names), sum(services[n].memory for n in names)
+
+
+def _expected(subject: Subject) -> Iterator[Finding]:
+    """Limits below the expected use in the same manifest."""
+    limit, cores = memory_limit(subject), subject.options.get("cpus") or 0
+    memory, cpu = subject.service.memory, subject.service.cpu
+    if 0 < limit < memory:
+        message = f"mem_limit {format_memory(limit)} is below the {format_memory(memory)} of resources.memory: the "
+        message += "kernel kills it"
+        yield Finding("limit-below-expected", subject.option("mem_limit"), message)
+    if 0 < cores < cpu:
+        message = f"cpus {cores:g} is below the {cpu:g} of resources.cpu: it is always throttled"
+        yield Finding("limit-below-expected", subject.option("cpus"), message)
 
 
 def _budgets(robot: Robot) -> Iterator[Finding]:
-    """What is always on does not fit the budget of the Policy."""
-    budget, services = robot.catalog.policy.budget, robot.catalog.services
+    """Always-on services that exceed the Policy's budget."""
+    budget = robot.catalog.policy.budget
     policy = next(iter(robot.sources.get("Policy", {}).values()), None)
     if budget is None or policy is None:
         return
-    always = closure(services, [s.name for s in services.values() if s.always_on])
-    cpu, memory = sum(services[n].cpu for n in always), sum(services[n].memory for n in always)
+    _, cpu, memory = always_on(robot)
     for name, used, most, shown in (
         ("cpu", cpu, budget.cpu, f"{cpu:g} cores"),
         ("memory", memory, budget.memory, format_memory(memory)),
     ):
         if most is not None and used > most:
-            message = f"what is always on uses {shown} already, more than the budget"
+            message = f"always-on services use {shown}, more than the budget"
             yield Finding("always-on-over-budget", policy.where("spec", "budget", name), message)
 
 
 def _uncounted(robot: Robot) -> Iterator[Finding]:
-    """What a budget does not know of."""
+    """Services that the budget cannot count."""
     budget = robot.catalog.policy.budget
     if budget is None:
         return
     for subject in robot.subjects:
         if not (subject.service.cpu or subject.service.memory):
-            message = f"the Policy has a budget, and '{subject.name}' counts for nothing in it"
+            message = f"the Policy has a budget, but '{subject.name}' does not count in it"
             yield Finding("budget-without-resources", subject.source.where("metadata", "name"), message)
 
 
 def _read_only(robot: Robot) -> Iterator[Finding]:
-    """ROS writes logs before it does anything else."""
+    """Read-only containers: ROS writes logs before it does anything else."""
     for subject in (s for s in robot.subjects if s.ros and s.options.get("read_only")):
         writes = subject.options.get("tmpfs") or any(not m.read_only for m in subject.mounts)
         if not writes:
-            message = f"'{subject.name}' may write nowhere, and ROS begins with a log file"
+            message = f"'{subject.name}' cannot write anywhere, and ROS starts with a log file"
             yield Finding("read-only-ros", subject.option("read_only"), message)
 
 
 def _homes(robot: Robot) -> Iterator[Finding]:
-    """A user that the image may not know has / for its home, and ROS writes there."""
+    """Users that the image may not know: their home is /, and ROS writes there."""
     for subject in (s for s in robot.subjects if s.ros and s.uid.isdigit() and s.uid != "0"):
         told = any(name in subject.env for name in ("HOME", "ROS_HOME", "ROS_LOG_DIR"))
         if not told and not any(mount.target == "/.ros" for mount in subject.mounts):
@@ -82,44 +83,38 @@ def _homes(robot: Robot) -> Iterator[Finding]:
             yield Finding("user-without-home", subject.option("user"), message)
 
 
-def _logs(robot: Robot) -> Iterator[Finding]:
-    for subject in robot.subjects:
-        logging = subject.options.get("logging") or {}
-        if logging.get("driver", "json-file") != "json-file" or "max-size" in (logging.get("options") or {}):
-            continue
-        if logging or subject.ros:
-            where = subject.option("logging") if logging else subject.source.where("metadata", "name")
-            message = f"the output of '{subject.name}' is kept in one file that grows until the disk is full"
-            yield Finding("log-without-limits", where, message)
+def _logs(subject: Subject) -> Iterator[Finding]:
+    logging = subject.options.get("logging") or {}
+    if logging.get("driver", "json-file") != "json-file" or "max-size" in (logging.get("options") or {}):
+        return
+    if logging or subject.ros:
+        where = subject.option("logging") if logging else subject.source.where("metadata", "name")
+        message = f"the output of '{subject.name}' is kept in one file that grows until the disk is full"
+        yield Finding("log-without-limits", where, message)
 
 
-def _terminals(robot: Robot) -> Iterator[Finding]:
-    for subject in robot.subjects:
-        if subject.options.get("tty") and not subject.options.get("stdin_open"):
-            message = f"'{subject.name}' has a terminal that nobody can type in, and output with control characters"
-            yield Finding("tty-without-stdin", subject.option("tty"), message)
+def _terminals(subject: Subject) -> Iterator[Finding]:
+    if subject.options.get("tty") and not subject.options.get("stdin_open"):
+        message = f"'{subject.name}' has a terminal without input, and control characters in its output"
+        yield Finding("tty-without-stdin", subject.option("tty"), message)
 
 
-def _kernel(robot: Robot) -> Iterator[Finding]:
-    for subject in robot.subjects:
-        options = subject.options
-        if options.get("shm_size") and options.get("ipc") == "host":
-            message = "under ipc: host the shared memory is that of this machine, and shm_size is ignored"
-            yield Finding("shm-size-with-ipc-host", subject.option("shm_size"), message)
-        if options.get("oom_kill_disable") and not memory_of(options.get("mem_limit") or 0):
-            message = "the kernel may kill anything but this, which may take all memory"
-            yield Finding("oom-kill-disabled-without-limit", subject.option("oom_kill_disable"), message)
-        nofile = (options.get("ulimits") or {}).get("nofile")
-        most = nofile.get("soft", 0) if isinstance(nofile, dict) else nofile or 0
-        if subject.ros1 and (int(most) > MOST_FILES or int(most) < 0):
-            message = (
-                f"nofile {most}: roslaunch closes each of these for every node that it starts, which takes minutes"
-            )
-            yield Finding("nofile-too-high", subject.option("ulimits", "nofile"), message)
+def _kernel(subject: Subject) -> Iterator[Finding]:
+    options = subject.options
+    if options.get("shm_size") and options.get("ipc") == "host":
+        message = "under ipc: host the shared memory is that of this machine, and shm_size is ignored"
+        yield Finding("shm-size-with-ipc-host", subject.option("shm_size"), message)
+    if options.get("oom_kill_disable") and not memory_limit(subject):
+        message = "the kernel may kill anything except this, which may take all memory"
+        yield Finding("oom-kill-disabled-without-limit", subject.option("oom_kill_disable"), message)
+    most = options.get("ulimits", {}).get("nofile", {}).get("soft", 0)
+    if subject.ros1 and (most > MOST_FILES or most < 0):
+        message = f"nofile {most}: roslaunch closes each of these for every node that it starts, which takes minutes"
+        yield Finding("nofile-too-high", subject.option("ulimits", "nofile"), message)
 
 
 def _zones(robot: Robot) -> Iterator[Finding]:
-    """Times in logs that cannot be compared."""
+    """Services with different time zones, whose logs cannot be compared."""
     seen: dict[str, Subject] = {}
     for subject in (s for s in robot.subjects if s.env.get("TZ")):
         seen.setdefault(subject.env["TZ"], subject)
@@ -129,16 +124,15 @@ def _zones(robot: Robot) -> Iterator[Finding]:
             yield Finding("time-zones-differ", subject.variable("TZ"), message)
 
 
-def _bags(robot: Robot) -> Iterator[Finding]:
-    for subject in robot.subjects:
-        for command in subject.commands:
-            words = [w.rpartition("/")[2] for w in command]
-            ros1 = "rosbag" in words and "record" in words
-            ros2 = "ros2" in words and "bag" in words and "record" in words
-            ends = ("--max-splits", "--duration", "--max-bag-size", "--max-bag-duration", "-d", "--limit", "-l")
-            if (ros1 or ros2) and not any(w.partition("=")[0] in ends for w in words):
-                message = f"'{subject.name}' records until the disk is full"
-                yield Finding("recording-without-limit", subject.command(), message)
+def _bags(subject: Subject) -> Iterator[Finding]:
+    for command in subject.commands:
+        words = [w.rpartition("/")[2] for w in command]
+        ros1 = "rosbag" in words and "record" in words
+        ros2 = "ros2" in words and "bag" in words and "record" in words
+        ends = ("--max-splits", "--duration", "--max-bag-size", "--max-bag-duration", "-d", "--limit", "-l")
+        if (ros1 or ros2) and not any(w.partition("=")[0] in ends for w in words):
+            message = f"'{subject.name}' records until the disk is full"
+            yield Finding("recording-without-limit", subject.command(), message)
 
 
-CHECKS = (_expected, _budgets, _uncounted, _read_only, _homes, _logs, _terminals, _kernel, _zones, _bags)
+CHECKS = (_budgets, _uncounted, _read_only, _homes, _zones, *map(each, (_expected, _logs, _terminals, _kernel, _bags)))

@@ -1,40 +1,36 @@
-"""A robot against the machine that it is to run on."""
+"""Checks of a robot against the machine that it will run on."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
 from rorg.manifest.documents import Source
-from rorg.manifest.validation.allowing import allowed
 from rorg.manifest.validation.codes import CODES
-from rorg.manifest.validation.finding import Finding
-from rorg.manifest.validation.limits import memory_of
-from rorg.manifest.validation.robot import Robot
+from rorg.manifest.validation.limits import always_on, memory_limit
+from rorg.manifest.validation.robot import Finding, Robot
 from rorg.manifest.validation.ros2 import shares_memory
-from rorg.manifest.validation.run import allows_of, diagnostics
+from rorg.manifest.validation.run import allowed, allows_of, diagnostics
 from rorg.manifest.validation.subject import Mount, Subject
 from rorg.model.catalog import RUN, Catalog
 from rorg.model.diagnostics import Diagnostic
-from rorg.model.graph import closure
 from rorg.model.machine import ABSENT, DEVICE, DIRECTORY, Machine
-from rorg.model.ports import parse_ports
 from rorg.model.units import format_memory
 
 OF_CGROUP_1 = ("mem_swappiness", "oom_kill_disable", "cpu_rt_runtime", "cpu_rt_period")
 ENOUGH_SHM = 64 << 20
-"""Bytes: a participant of Fast DDS takes 0.6 MB, images and point clouds several times their size."""
+"""Bytes. A participant of Fast DDS takes 0.6 MB; images and point clouds take several times their size."""
 WRITES, OTHERS_WRITE = 0o222, 0o002
 
 
 def named_paths(catalog: Catalog, sources: Mapping[str, Mapping[str, Source]]) -> set[str]:
-    """The paths of the machine that a robot names: devices, and what it mounts."""
+    """The paths of the machine that a robot uses: devices and mounts."""
     robot = Robot(catalog, sources)
     found = {host for s in robot.subjects for host, _ in s.devices if host.startswith("/")}
     return found | {m.path for s in robot.subjects for m in s.mounts if m.path and not m.source.startswith(RUN)}
 
 
 def check_machine(catalog: Catalog, sources: Mapping[str, Mapping[str, Source]], machine: Machine) -> list[Diagnostic]:
-    """What cannot be on this machine, without what comments let pass."""
+    """Returns what cannot work on this machine, without what comments allow."""
     robot = Robot(catalog, sources)
     allows = [a for a in allows_of(sources) if a.code in CODES and CODES[a.code].machine and a.reason]
     found = (f for s in robot.subjects for check in _CHECKS for f in check(s, machine))
@@ -50,7 +46,7 @@ def _devices(subject: Subject, machine: Machine) -> Iterator[Finding]:
         if node is None or node.kind == DIRECTORY:
             continue
         if node.kind != DEVICE:
-            what = "is not there" if node.kind == ABSENT else f"is a {node.kind}, and no device"
+            what = "is missing" if node.kind == ABSENT else f"is a {node.kind}, not a device"
             yield Finding("missing-device", subject.device(host), f"{host} {what}", node.near)
             continue
         groups = {str(g) for g in subject.options.get("group_add") or ()}
@@ -58,8 +54,8 @@ def _devices(subject: Subject, machine: Machine) -> Iterator[Finding]:
         mine = groups | ({user.partition(":")[2]} if ":" in user else set())
         shut = subject.uid.isdigit() and int(subject.uid) not in (0, node.uid) and not node.mode & OTHERS_WRITE
         if shut and not {str(node.gid), node.group} & mine and not subject.options.get("privileged"):
-            message = f"{host} belongs to the group {node.group or node.gid} ({node.gid}) here, of which user "
-            message += f"{subject.uid} is none"
+            message = f"{host} belongs to the group {node.group or node.gid} ({node.gid}) here, and user "
+            message += f"{subject.uid} is not in it"
             remedy = f'driver: {{groups: ["{node.gid}"]}}'
             yield Finding("device-of-other-group", subject.device(host), message, remedy)
 
@@ -70,13 +66,13 @@ def _mounts(subject: Subject, machine: Machine) -> Iterator[Finding]:
         if node is None or mount in subject.mounts_of_tree:
             continue
         if node.kind == ABSENT:
-            message = f"{mount.path} is not there, and the engine makes an empty directory of it"
+            message = f"{mount.path} is missing, and the engine creates an empty directory there"
             yield Finding("missing-host-path", subject.volume(mount), message, node.near)
     yield from (f for m in subject.mounts for f in _writes(subject, m, machine))
 
 
 def _writes(subject: Subject, mount: Mount, machine: Machine) -> Iterator[Finding]:
-    """A directory that the container's user may not write to, though it is not mounted read only."""
+    """A directory that the container's user cannot write to, though it is not mounted read-only."""
     node = machine.nodes.get(mount.path)
     if node is None or node.kind != DIRECTORY or mount.read_only or not subject.uid.isdigit() or subject.uid == "0":
         return
@@ -91,16 +87,11 @@ def _writes(subject: Subject, mount: Mount, machine: Machine) -> Iterator[Findin
 
 
 def _ports(subject: Subject, machine: Machine) -> Iterator[Finding]:
-    for text in subject.options.get("ports") or ():
-        try:
-            found = parse_ports(text) if isinstance(text, str) else []
-        except ValueError:
-            continue
-        for port in found:
-            if port.host.isdigit() and port.port.endswith("/tcp") and int(port.host) in machine.ports:
-                program = machine.ports[int(port.host)]
-                message = f"port {port.host} of this machine is in use" + (f" by {program}" if program else "")
-                yield Finding("port-in-use", subject.item("ports", text), message)
+    for index, port in subject.published:
+        if port.port.endswith("/tcp") and int(port.host) in machine.ports:
+            program = machine.ports[int(port.host)]
+            message = f"port {port.host} of this machine is in use" + (f" by {program}" if program else "")
+            yield Finding("port-in-use", subject.item("ports", subject.options["ports"][index]), message)
 
 
 def _runtimes(subject: Subject, machine: Machine) -> Iterator[Finding]:
@@ -121,9 +112,8 @@ def _kernel(subject: Subject, machine: Machine) -> Iterator[Finding]:
         if options.get(name) and machine.cgroup == 2:
             yield Finding("cgroup-version", subject.option(name), f"{name} is of cgroup v1, and this machine has v2")
     for name, limit in (("nofile", "fs.nr_open"), ("nproc", "kernel.pid_max")):
-        value = limits.get(name)
-        most = max(value.values(), default=0) if isinstance(value, dict) else value or 0
-        if limit in machine.sysctls and int(most) > machine.sysctls[limit]:
+        most = max(limits.get(name, {}).values(), default=0)
+        if limit in machine.sysctls and most > machine.sysctls[limit]:
             message = f"{name} {most} is above {limit}, which is {machine.sysctls[limit]} here"
             yield Finding("limit-above-kernel", subject.option("ulimits", name), message)
     if "rtprio" in limits and machine.sysctls.get("kernel.sched_rt_runtime_us", -1) == 0:
@@ -132,7 +122,7 @@ def _kernel(subject: Subject, machine: Machine) -> Iterator[Finding]:
 
 
 def _size(subject: Subject, machine: Machine) -> Iterator[Finding]:
-    cores, memory = float(subject.options.get("cpus") or 0), memory_of(subject.options.get("mem_limit") or 0)
+    cores, memory = subject.options.get("cpus") or 0, memory_limit(subject)
     if cores > machine.cpus:
         message = f"cpus {cores:g}, and this machine has {machine.cpus}: the engine refuses it"
         yield Finding("more-than-machine", subject.option("cpus"), message)
@@ -142,19 +132,17 @@ def _size(subject: Subject, machine: Machine) -> Iterator[Finding]:
 
 
 def _sum(robot: Robot, machine: Machine) -> Iterator[Finding]:
-    """All that is always on, beside what there is."""
-    services, by_name = robot.catalog.services, {s.name: s for s in robot.subjects}
-    always = closure(services, [s.name for s in services.values() if s.always_on])
-    cpu, memory = sum(services[n].cpu for n in always), sum(services[n].memory for n in always)
+    """Always-on services that need more than the machine has."""
+    by_name, (always, cpu, memory) = robot.by_name, always_on(robot)
     for used, most, shown in ((cpu, machine.cpus, f"{cpu:g} cores"), (memory, machine.memory, format_memory(memory))):
         if most and used > most and by_name:
             worst = max((by_name[n] for n in always if n in by_name), key=lambda s: (s.service.memory, s.name))
-            message = f"what is always on uses {shown}, more than this machine has"
+            message = f"always-on services use {shown}, more than this machine has"
             yield Finding("more-than-machine", worst.at("resources"), message, "fewer services that are always on")
 
 
 def _shared_memory(robot: Robot, machine: Machine) -> Iterator[Finding]:
-    """What ROS 2 needs of /dev/shm: once for all, since they share it."""
+    """The shared memory that ROS 2 needs; reported once, because all services share it."""
     users = [s for s in robot.ros2 if shares_memory(s) and s.ipc == "host"]
     if users and machine.shm is not None and machine.shm < ENOUGH_SHM:
         message = f"{format_memory(machine.shm)} of /dev/shm are free here, and {users[0].name} sends through it"

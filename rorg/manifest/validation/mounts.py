@@ -1,4 +1,4 @@
-"""Files of this machine inside of containers."""
+"""Files of this machine inside containers."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ import stat
 from collections.abc import Iterator
 
 from rorg.manifest.files import real
-from rorg.manifest.validation.finding import Finding
-from rorg.manifest.validation.robot import Robot
+from rorg.manifest.validation.robot import Finding, each
 from rorg.manifest.validation.subject import Mount, Subject
 from rorg.manifest.validation.texts import named_files, read
 from rorg.model.catalog import RUN
@@ -19,50 +18,46 @@ OURS = "rorg.sock"
 SYSTEM = ("/bin", "/etc", "/lib", "/lib64", "/opt", "/opt/ros", "/sbin", "/usr", "/usr/bin", "/usr/lib", "/var")
 HOST = ("/", "/etc", "/proc", "/root", "/home", "/usr", "/var", "/var/lib/docker")
 MOST_ENTRIES = 500
-"""Names in a mounted directory that are looked at."""
+"""Maximum number of entries checked in a mounted directory."""
 
 
-def _sockets(robot: Robot) -> Iterator[Finding]:
-    for subject in robot.subjects:
-        for mount in subject.mounts:
-            name = posixpath.basename(mount.path)
-            if mount.source.startswith(RUN) or not name.endswith(".sock"):
-                continue
-            where = subject.volume(mount)
-            if name in ENGINES:
-                message = f"'{subject.name}' may tell the engine anything: it is root on this machine"
-                yield Finding("engine-socket-mounted", where, message)
-            message = f"{mount.path} is one socket; a new one takes its place when its program starts again, and "
-            message += f"'{subject.name}' keeps the dead one"
-            remedy = f"{posixpath.dirname(mount.path)}, its directory"
-            yield Finding("socket-file-mounted", where, message, remedy, "error" if name == OURS else "warning")
+def _sockets(subject: Subject) -> Iterator[Finding]:
+    for mount in subject.mounts:
+        name = posixpath.basename(mount.path)
+        if mount.source.startswith(RUN) or not name.endswith(".sock"):
+            continue
+        where = subject.volume(mount)
+        if name in ENGINES:
+            message = f"'{subject.name}' may tell the engine anything: it is root on this machine"
+            yield Finding("engine-socket-mounted", where, message)
+        message = f"{mount.path} is a socket file. Its program creates a new one when it restarts, and "
+        message += f"'{subject.name}' keeps the dead one"
+        remedy = f"{posixpath.dirname(mount.path)}, its directory"
+        yield Finding("socket-file-mounted", where, message, remedy, "error" if name == OURS else "warning")
 
 
-def _sources(robot: Robot) -> Iterator[Finding]:
-    """What is mounted from beside a manifest, and is not there: the engine makes an empty directory of it."""
-    for subject in robot.subjects:
-        for mount in _of_tree(subject):
-            if not os.path.lexists(mount.path):
-                message = f"{_shown(subject, mount)} does not exist, and the engine makes an empty directory of it"
-                yield Finding("missing-mount-source", subject.volume(mount), message)
-                continue
-            dead = next(_dead_links(mount.path), "")
-            if dead:
-                message = f"{_shown(subject, mount)} has a link that leads nowhere: {dead}"
-                yield Finding("missing-mount-source", subject.volume(mount), message, "mending or deleting the link")
+def _sources(subject: Subject) -> Iterator[Finding]:
+    """Missing sources of mounts inside the tree: the engine would create an empty directory."""
+    for mount in _of_tree(subject):
+        if not os.path.lexists(mount.path):
+            message = f"{_shown(subject, mount)} does not exist, and the engine creates an empty directory there"
+            yield Finding("missing-mount-source", subject.volume(mount), message)
+            continue
+        dead = next(_dead_links(mount.path), "")
+        if dead:
+            message = f"{_shown(subject, mount)} contains a dead link: {dead}"
+            yield Finding("missing-mount-source", subject.volume(mount), message, "mending or deleting the link")
 
 
 def _of_tree(subject: Subject) -> Iterator[Mount]:
     """Mounts whose source is in the tree, or is written relative to it."""
-    for mount in subject.mounts:
-        if mount in subject.mounts_of_tree or (mount.path and _relative(subject, mount)):
+    volumes = subject.written_list("container", "volumes")
+    written = [str(v.get("source") if isinstance(v, dict) else v).partition(":")[0].rstrip("/") for v in volumes]
+    relative = [source for source in written if source.startswith(("./", "../", "~/"))]
+    for mount in (m for m in subject.mounts if m.path):
+        tail = posixpath.basename(mount.path)
+        if mount in subject.mounts_of_tree or any(source.endswith(tail) for source in relative):
             yield mount
-
-
-def _relative(subject: Subject, mount: Mount) -> bool:
-    written = [str(v.get("source") if isinstance(v, dict) else v) for v in subject._list("container", "volumes")]
-    tail = posixpath.basename(mount.path)
-    return any(v.startswith(("./", "../", "~/")) and v.partition(":")[0].rstrip("/").endswith(tail) for v in written)
 
 
 def _shown(subject: Subject, mount: Mount) -> str:
@@ -70,53 +65,46 @@ def _shown(subject: Subject, mount: Mount) -> str:
 
 
 def _dead_links(path: str) -> Iterator[str]:
-    """Relative ones that lead nowhere. Absolute ones may be there in the container."""
+    """Dead relative links. Absolute ones may exist in the container."""
     try:
         with os.scandir(path) as entries:
             for number, entry in enumerate(entries):
                 if number >= MOST_ENTRIES:
                     return
-                if (
-                    entry.is_symlink()
-                    and not os.path.exists(entry.path)
-                    and not os.readlink(entry.path).startswith("/")
-                ):
+                dead = entry.is_symlink() and not os.path.exists(entry.path)
+                if dead and not os.readlink(entry.path).startswith("/"):
                     yield entry.name
     except OSError:
         return
 
 
-def _hiding(robot: Robot) -> Iterator[Finding]:
-    for subject in robot.subjects:
-        for mount in subject.mounts:
-            if mount.target in SYSTEM and mount.source:
-                message = f"what the image has in {mount.target} is hidden by what is mounted there"
-                yield Finding("mount-over-system", subject.volume(mount), message)
-            if mount.path in HOST and not mount.read_only:
-                message = f"'{subject.name}' may write to {mount.path} of this machine"
-                yield Finding("whole-host-mounted", subject.volume(mount), message)
+def _hiding(subject: Subject) -> Iterator[Finding]:
+    for mount in subject.mounts:
+        if mount.target in SYSTEM and mount.source:
+            message = f"the mount hides the image's own {mount.target}"
+            yield Finding("mount-over-system", subject.volume(mount), message)
+        if mount.path in HOST and not mount.read_only:
+            message = f"'{subject.name}' may write to {mount.path} of this machine"
+            yield Finding("whole-host-mounted", subject.volume(mount), message)
 
 
-def _files(robot: Robot) -> Iterator[Finding]:
-    """What the command names of the tree: whether it is there, and whether it can be run."""
-    for subject in robot.subjects:
-        starts = {command[0] for command in subject.commands if command}
-        for word, path in named_files(subject):
-            if not os.path.lexists(path):
-                shown = os.path.relpath(path, real(subject.source.directory))
-                if not any(
-                    m.path == path or (not m.read_only and path.startswith(f"{m.path}/")) for m in subject.mounts
-                ):
-                    message = f"{word} would be {shown}, which does not exist"
-                    yield Finding("missing-file", subject.command(), message)
-            elif word in starts and os.path.isfile(path):
-                yield from _program(subject, path, os.path.relpath(path, real(subject.source.directory)))
+def _files(subject: Subject) -> Iterator[Finding]:
+    """Files of the tree in the command: whether they exist and can be executed."""
+    starts = {command[0] for command in subject.commands if command}
+    for word, path in named_files(subject):
+        if not os.path.lexists(path):
+            shown = os.path.relpath(path, real(subject.source.directory))
+            if not any(m.path == path or (not m.read_only and path.startswith(f"{m.path}/")) for m in subject.mounts):
+                message = f"{word} would be {shown}, which does not exist"
+                yield Finding("missing-file", subject.command(), message)
+        elif word in starts and os.path.isfile(path):
+            yield from _program(subject, path, os.path.relpath(path, real(subject.source.directory)))
 
 
 def _program(subject: Subject, path: str, shown: str) -> Iterator[Finding]:
     mode = os.stat(path).st_mode
     if stat.S_ISREG(mode) and not mode & 0o111:
-        message = f"{shown} may not be executed"
+        message = f"{shown} is not executable"
         yield Finding("program-not-executable", subject.command(), message, f"chmod +x {shown}, or a shell before it")
     first = read(path, subject.source.root).partition("\n")[0]
     if first.startswith("#!") and first.endswith("\r"):
@@ -124,4 +112,4 @@ def _program(subject: Subject, path: str, shown: str) -> Iterator[Finding]:
         yield Finding("script-with-crlf", subject.command(), message)
 
 
-CHECKS = (_sockets, _sources, _hiding, _files)
+CHECKS = (*map(each, (_sockets, _sources, _hiding, _files)),)

@@ -1,4 +1,4 @@
-"""Networks: who can be reached from where, and who is in whose way."""
+"""Networks: which services reach each other, and which take each other's ports."""
 
 from __future__ import annotations
 
@@ -7,45 +7,43 @@ from collections import Counter
 from collections.abc import Iterator
 from urllib.parse import urlsplit
 
-from rorg.manifest.validation.finding import Finding
-from rorg.manifest.validation.robot import Robot
+from rorg.manifest.validation.robot import Finding, Robot, each
 from rorg.manifest.validation.subject import Subject
-from rorg.model.ports import Published, parse_ports
+from rorg.model.ports import Published
 
 LOCAL = ("localhost", "127.0.0.1", "::1", "")
 URI = r"http://[^/\s]+:[0-9]+/?"
 ANY = ("", "0.0.0.0", "::")
 
 
-def _host_names(robot: Robot) -> Iterator[Finding]:
-    """A name that nobody can look up: ROS 1 tells it to others, and calls itself by it."""
-    for subject in robot.subjects:
-        name = subject.options.get("hostname")
-        if not name or subject.network != "host" or {"ROS_IP", "ROS_HOSTNAME"} & set(subject.env):
-            continue
-        known = any(str(line).startswith(f"{name}:") for line in subject.options.get("extra_hosts") or ())
-        if known:
-            continue
-        said = "the ROS master cannot reach it by that name, and it ends" if subject.ros1 else "nothing knows that name"
-        message = f"hostname '{name}' under network_mode: host: {said}"
-        severity = "error" if subject.ros1 else "warning"
-        yield Finding("hostname-with-host-network", subject.option("hostname"), message, severity=severity)
+def _host_names(subject: Subject) -> Iterator[Finding]:
+    """Host names that nothing can resolve: ROS 1 tells them to other nodes, and calls itself by them."""
+    name = subject.options.get("hostname")
+    if not name or subject.network != "host" or {"ROS_IP", "ROS_HOSTNAME"} & set(subject.env):
+        return
+    known = any(str(line).startswith(f"{name}:") for line in subject.options.get("extra_hosts") or ())
+    if known:
+        return
+    said = "the ROS master cannot reach it by that name, and it ends" if subject.ros1 else "nothing knows that name"
+    message = f"hostname '{name}' under network_mode: host: {said}"
+    severity = "error" if subject.ros1 else "warning"
+    yield Finding("hostname-with-host-network", subject.option("hostname"), message, severity=severity)
 
 
 def _mixed(robot: Robot) -> Iterator[Finding]:
-    """ROS tells every node the address of every other one, and any port: all must be in one network."""
+    """ROS tells every node the addresses of all others, with any port: all must be on one network."""
     for subject in (s for s in robot.subjects if s.ros and s.network not in ("host", "none")):
         if subject.network.startswith(("container:", "service:")):
             continue
-        beside = next(
-            (o for o in robot.subjects if o is not subject and _talk(subject, o) and o.network == "host"), None
-        )
+        others = (o for o in robot.subjects if (o.ros1 and subject.ros1) or (o.ros2 and subject.ros2))
+        beside = next((o for o in others if o.network == "host"), None)
         name = subject.env.get("ROS_IP") or subject.env.get("ROS_HOSTNAME", "")
         if beside:
-            message = f"'{subject.name}' is on another network ({_shown(subject)}) than '{beside.name}' (host)"
+            networks = ", ".join(subject.options.get("networks") or ()) or subject.network
+            message = f"'{subject.name}' is on another network ({networks}) than '{beside.name}' (host)"
         elif subject.ros1 and name in LOCAL and (name or subject.network in ("bridge", "default")):
-            said = f"says '{name}'" if name else "is not said"
-            message = f"ROS 1 on {subject.network}, and the address at which others reach it {said}"
+            said = f"is '{name}'" if name else "is not set"
+            message = f"ROS 1 on {subject.network}, and the address where others reach it {said}"
         else:
             continue
         remedy = "network_mode: host for all of them, or ROS_IP with the container's address"
@@ -53,7 +51,7 @@ def _mixed(robot: Robot) -> Iterator[Finding]:
 
 
 def _local_only(robot: Robot) -> Iterator[Finding]:
-    """ROS 2 that looks for others on its own machine alone, where each container counts as one."""
+    """ROS 2 programs that search only their own machine: each container counts as a machine."""
     for subject in (s for s in robot.ros2 if s.network not in ("host", "none") and ":" not in s.network):
         local = subject.env.get("ROS_LOCALHOST_ONLY") == "1"
         name = "ROS_LOCALHOST_ONLY" if local else "ROS_AUTOMATIC_DISCOVERY_RANGE"
@@ -62,22 +60,13 @@ def _local_only(robot: Robot) -> Iterator[Finding]:
             yield Finding("ros2-local-on-bridge", subject.option("network_mode"), message)
 
 
-def _shown(subject: Subject) -> str:
-    return ", ".join(subject.options.get("networks") or ()) or subject.network
-
-
-def _talk(one: Subject, other: Subject) -> bool:
-    return (one.ros1 and other.ros1) or (one.ros2 and other.ros2)
-
-
-def _alone(robot: Robot) -> Iterator[Finding]:
-    for subject in robot.subjects:
-        if subject.ros and subject.network == "none":
-            yield Finding("ros-without-network", subject.option("network_mode"), f"'{subject.name}' has no network")
+def _alone(subject: Subject) -> Iterator[Finding]:
+    if subject.ros and subject.network == "none":
+        yield Finding("ros-without-network", subject.option("network_mode"), f"'{subject.name}' has no network")
 
 
 def _masters(robot: Robot) -> Iterator[Finding]:
-    """Where ROS 1 looks for its master, and by which name it is called back."""
+    """The address of the ROS 1 master, and the name at which it calls back."""
     for subject in robot.ros1:
         uri, env = subject.env.get("ROS_MASTER_URI", ""), subject.env
         host = urlsplit(uri).hostname or ""
@@ -88,7 +77,7 @@ def _masters(robot: Robot) -> Iterator[Finding]:
             message = "both ROS_IP and ROS_HOSTNAME are set, and ROS_IP is ignored"
             yield Finding("ros-ip-and-hostname", subject.variable("ROS_IP"), message)
         elif host not in LOCAL and env.get("ROS_HOSTNAME", env.get("ROS_IP")) in LOCAL[:-1]:
-            message = f"the master is on '{host}', and nodes there are told to answer to localhost"
+            message = f"the master is on '{host}', and it would call nodes back at localhost"
             yield Finding("ros-master-elsewhere", subject.variable("ROS_MASTER_URI"), message)
 
 
@@ -106,29 +95,18 @@ def _differing(robot: Robot) -> Iterator[Finding]:
 
 
 def _ports(robot: Robot) -> Iterator[Finding]:
-    """The same port of the machine, published by two services that may run at once."""
+    """The same port of the machine, published by two services that may run at the same time."""
     taken: list[tuple[Subject, Published]] = []
     for subject in robot.subjects:
-        for index, text in enumerate(subject.options.get("ports") or ()):
-            try:
-                found = parse_ports(text) if isinstance(text, str) else []
-            except ValueError:
-                found = []
-            for port in (p for p in found if p.host.isdigit()):
-                first = next(
-                    (s for s, p in taken if s is not subject and _same(p, port) and not robot.apart(s, subject)), None
-                )
-                taken.append((subject, port))
-                if first:
-                    where = subject.option("ports", index) if _own(subject, index, text) else subject.option("ports")
-                    message = f"port {port.host} of this machine is published by '{first.name}' too"
-                    yield Finding("port-taken-twice", where, message)
-                    break
-
-
-def _own(subject: Subject, index: int, text: object) -> bool:
-    written = subject._list("container", "ports")
-    return index < len(written) and str(written[index]) == str(text)
+        told = set[int]()
+        for index, port in subject.published:
+            rivals = (s for s, p in taken if s is not subject and _same(p, port) and not robot.apart(s, subject))
+            first = next(rivals, None)
+            taken.append((subject, port))
+            if first and index not in told:
+                told.add(index)
+                message = f"port {port.host} of this machine is published by '{first.name}' too"
+                yield Finding("port-taken-twice", subject.item("ports", subject.options["ports"][index]), message)
 
 
 def _same(one: Published, other: Published) -> bool:
@@ -137,7 +115,7 @@ def _same(one: Published, other: Published) -> bool:
 
 
 def _probed(robot: Robot) -> Iterator[Finding]:
-    """One that answers for another: both are probed by the same port of the host network."""
+    """Services that are probed at the same port of the host: one answers for the other."""
     first: dict[str, Subject] = {}
     for subject, asked in ((s, a) for s in robot.subjects if s.network == "host" for a in s.asked_ready):
         if asked.probe.kind != "tcp":
@@ -149,4 +127,4 @@ def _probed(robot: Robot) -> Iterator[Finding]:
             yield Finding("port-probed-twice", subject.at(*asked.path), message)
 
 
-CHECKS = (_host_names, _mixed, _local_only, _alone, _masters, _differing, _ports, _probed)
+CHECKS = (_mixed, _local_only, _masters, _differing, _ports, _probed, *map(each, (_host_names, _alone)))

@@ -1,4 +1,4 @@
-"""What runs: images, variables, probes, and how one is kept waiting for another."""
+"""Programs: images, commands, variables, probes, and how one service waits for another."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import re
 from collections.abc import Iterator
 from functools import lru_cache
 
-from rorg.manifest.validation.finding import Finding
-from rorg.manifest.validation.robot import Robot
+from rorg.manifest.validation.robot import Finding, Robot, each
+from rorg.manifest.validation.subject import SHELLS, Subject
 from rorg.model.image_names import HUB, declared
 
 ROS1_NAMES, ROS2_NAMES = (
@@ -19,62 +19,65 @@ SECRET = re.compile(r"(PASSWORD|PASSWD|SECRET|API_?KEY|ACCESS_?KEY|AUTH_?TOKEN|_
 PYTHON = re.compile(r"python[0-9.]*")
 WAITS = re.compile(r"^(sleep|wait-for|wait-for-it(\.sh)?|wait_for_it(\.sh)?)$")
 ASKS = r"\b(rostopic|rosnode|rosservice|rosparam|ros2|nc|curl|ping)\b"
+OPERATORS = ("&&", "||", ";", "|", ">", ">>", "2>&1", "<", "&")
+EXPANDED = re.compile(r"(?<!\$)\$(\(|\{?[A-Za-z_]\w*)|`")
+"""Text that a shell expands."""
+BEHIND = re.compile(r"(?<![&>|<])&(?![&>0-9])")
+"""A program in the background of a shell."""
 LOOP = (re.compile(r"\b(until|while)\b"), re.compile(ASKS), re.compile(r"\bsleep\b"))
-"""Words of a loop that waits, one behind another."""
+"""Words of a waiting loop, in order."""
 
 
 def _images(robot: Robot) -> Iterator[Finding]:
-    """References that mean another image tomorrow."""
+    """References that may mean another image tomorrow."""
     for subject in robot.subjects:
         name = str(subject.options.get("image") or "")
         if name.endswith(":latest") and not declared(name, robot.catalog.images):
-            message = f"'{name}' is whatever was pushed last: the same manifests run something else tomorrow"
+            message = f"'{name}' is the image that was pushed last: the same manifests may run another one tomorrow"
             yield Finding("latest-tag", subject.at("image"), message)
     for name, image in sorted(robot.catalog.images.items()):
         for base in image.bases:
             if base.endswith(":latest") and not declared(base, robot.catalog.images):
-                message = f"'{name}' stands on '{base}', which is whatever was pushed last"
+                message = f"'{name}' is based on '{base}', which is the image that was pushed last"
                 yield Finding("latest-tag", robot.sources["Image"][name].where("spec"), message)
 
 
-def _distributions(robot: Robot) -> Iterator[Finding]:
-    for subject in robot.subjects:
-        name = str(subject.options.get("image") or "")
-        official = name.removeprefix(next((h for h in HUB if name.startswith(h)), "")).startswith(("ros:", "osrf/ros:"))
-        if not official:
-            continue
-        words = set(re.split(r"[:-]", name))
-        first = subject.programs
-        if words & ROS1_NAMES and "ros2" in first:
-            yield Finding("ros-version-of-image", subject.at("image"), f"'{name}' is ROS 1, and has no ros2")
-        elif words & ROS2_NAMES and {"roslaunch", "roscore", "rosrun"} & first:
-            program = min({"roslaunch", "roscore", "rosrun"} & first)
-            yield Finding("ros-version-of-image", subject.at("image"), f"'{name}' is ROS 2, and has no {program}")
-        entry = subject.options.get("entrypoint")
-        if entry and "ros_entrypoint.sh" not in " ".join(map(str, entry)) and not subject.script:
-            message = f"the entry point of '{name}', which sets ROS up, is replaced by '{' '.join(map(str, entry))}'"
-            yield Finding("ros-entrypoint-replaced", subject.option("entrypoint"), message)
+def _distributions(subject: Subject) -> Iterator[Finding]:
+    name = str(subject.options.get("image") or "")
+    official = name.removeprefix(next((h for h in HUB if name.startswith(h)), "")).startswith(("ros:", "osrf/ros:"))
+    if not official:
+        return
+    words = set(re.split(r"[:-]", name))
+    first = subject.programs
+    if words & ROS1_NAMES and "ros2" in first:
+        yield Finding("ros-version-of-image", subject.at("image"), f"'{name}' is ROS 1, and has no ros2")
+    elif words & ROS2_NAMES and {"roslaunch", "roscore", "rosrun"} & first:
+        program = min({"roslaunch", "roscore", "rosrun"} & first)
+        yield Finding("ros-version-of-image", subject.at("image"), f"'{name}' is ROS 2, and has no {program}")
+    entry = subject.options.get("entrypoint")
+    if entry and "ros_entrypoint.sh" not in " ".join(map(str, entry)) and not subject.script:
+        message = f"the entry point of '{name}', which sets ROS up, is replaced by '{' '.join(map(str, entry))}'"
+        yield Finding("ros-entrypoint-replaced", subject.option("entrypoint"), message)
 
 
-def _probes(robot: Robot) -> Iterator[Finding]:
-    """Programs of ROS as probes: each takes a second and a share of a CPU."""
-    for subject in robot.subjects:
-        for asked in subject.asked:
-            command = asked.probe.target
-            found = _cli(" ".join(command)) if asked.probe.kind == "exec" and isinstance(command, tuple) else ""
-            if found:
-                message = f"{found} takes a second each time, and is asked every {asked.probe.interval:g} s"
-                yield Finding("costly-probe", subject.at(*asked.path), message)
-        check = subject.options.get("healthcheck") or {}
-        test = check.get("test") or ""
-        found = _cli(test if isinstance(test, str) else " ".join(map(str, test)))
-        if found and not check.get("disable"):
-            message = f"{found} takes a second each time, and the engine asks it all the time"
-            yield Finding("costly-probe", subject.option("healthcheck", "test"), message)
-        off = check.get("disable") or test in ("NONE", ["NONE"])
-        for asked in (a for a in subject.asked_ready if off and a.probe.kind == "engine"):
-            message = f"'{subject.name}' is ready by the engine's health check, which is disabled"
-            yield Finding("ready-without-healthcheck", subject.at(*asked.path), message)
+def _probes(subject: Subject) -> Iterator[Finding]:
+    """ROS programs as probes: each takes a second and a share of a CPU."""
+    for asked in subject.asked:
+        command = asked.probe.target
+        found = _cli(" ".join(command)) if asked.probe.kind == "exec" and isinstance(command, tuple) else ""
+        if found:
+            message = f"{found} takes a second each time, and is asked every {asked.probe.interval:g} s"
+            yield Finding("costly-probe", subject.at(*asked.path), message)
+    check = subject.options.get("healthcheck") or {}
+    test = check.get("test") or []
+    found = _cli(" ".join(test))
+    if found and not check.get("disable"):
+        message = f"{found} takes a second each time, and the engine asks it all the time"
+        yield Finding("costly-probe", subject.option("healthcheck", "test"), message)
+    off = check.get("disable") or test == ["NONE"]
+    for asked in (a for a in subject.asked_ready if off and a.probe.kind == "engine"):
+        message = f"'{subject.name}' is ready by the engine's health check, which is disabled"
+        yield Finding("ready-without-healthcheck", subject.at(*asked.path), message)
 
 
 def _cli(text: str) -> str:
@@ -83,7 +86,7 @@ def _cli(text: str) -> str:
 
 
 def _loops(script: str) -> bool:
-    """Whether a shell asks and sleeps in a loop."""
+    """Whether a script polls and sleeps in a loop."""
     at = 0
     for word in LOOP:
         found = word.search(script, at)
@@ -94,7 +97,7 @@ def _loops(script: str) -> bool:
 
 
 def _waiting(robot: Robot) -> Iterator[Finding]:
-    """Guesses how long another service takes, in place of asking it."""
+    """Services that guess how long another service takes, instead of checking it."""
     for subject in (s for s in robot.subjects if s.script):
         commands = [c for c in subject.commands if c]
         sleeps = next((c for c in commands[:-1] if WAITS.match(c[0])), ())
@@ -106,38 +109,36 @@ def _waiting(robot: Robot) -> Iterator[Finding]:
             yield Finding("sleep-as-readiness", subject.command(), message)
 
 
-def _daemons(robot: Robot) -> Iterator[Finding]:
-    """The command ros2 starts a daemon, which stays, and remembers nodes that are gone."""
-    for subject in robot.subjects:
-        for command in subject.commands:
-            words = [w.rpartition("/")[2] for w in command]
-            asks = {"topic", "node", "service", "action", "param"} & set(words)
-            if "ros2" in words and asks and "--no-daemon" not in words:
-                message = "ros2 starts a daemon of its own in the container, which outlives the command"
-                yield Finding("ros2-daemon", subject.command(), message)
+def _daemons(subject: Subject) -> Iterator[Finding]:
+    """The command ros2 starts a daemon, which stays and remembers nodes that are gone."""
+    for command in subject.commands:
+        words = [w.rpartition("/")[2] for w in command]
+        asks = {"topic", "node", "service", "action", "param"} & set(words)
+        if "ros2" in words and asks and "--no-daemon" not in words:
+            message = "ros2 starts a daemon of its own in the container, which outlives the command"
+            yield Finding("ros2-daemon", subject.command(), message)
 
 
 @lru_cache(maxsize=4096)
 def _secret(name: str) -> bool:
-    """The value of a variable that is called so is for few eyes."""
+    """Whether the name of a variable says that its value is secret."""
     return SECRET.search(name) is not None
 
 
-def _variables(robot: Robot) -> Iterator[Finding]:
-    for subject in robot.subjects:
-        for name, value in sorted(subject.env.items()):
-            if _secret(name) and value and name not in subject.service.secrets and "/" not in value:
-                message = f"the value of {name} stands in the manifest, and is shown wherever it is"
-                yield Finding("secret-in-manifest", subject.variable(name), message)
-        words = subject.words
-        first = words[0].rpartition("/")[2] if words else ""
-        if PYTHON.fullmatch(first) and "PYTHONUNBUFFERED" not in subject.env and "-u" not in words[1:2]:
-            message = f"'{subject.name}' keeps its output back until there is much of it"
-            yield Finding("python-output-held-back", subject.command(), message)
-        for value in subject.options.get("security_opt") or ():
-            if str(value) in ("seccomp=unconfined", "seccomp:unconfined", "systempaths=unconfined"):
-                message = f"{value} opens calls of the kernel that no robot's program makes"
-                yield Finding("unconfined", subject.item("security_opt", value), message)
+def _variables(subject: Subject) -> Iterator[Finding]:
+    for name, value in sorted(subject.env.items()):
+        if _secret(name) and value and name not in subject.service.secrets and "/" not in value:
+            message = f"the value of {name} is in the manifest, and is shown with it"
+            yield Finding("secret-in-manifest", subject.variable(name), message)
+    words = subject.words
+    first = words[0].rpartition("/")[2] if words else ""
+    if PYTHON.fullmatch(first) and "PYTHONUNBUFFERED" not in subject.env and "-u" not in words[1:2]:
+        message = f"'{subject.name}' buffers its output instead of writing each line"
+        yield Finding("python-output-held-back", subject.command(), message)
+    for value in subject.options.get("security_opt") or ():
+        if str(value) in ("seccomp=unconfined", "seccomp:unconfined", "systempaths=unconfined"):
+            message = f"{value} allows kernel calls that no robot's program needs"
+            yield Finding("unconfined", subject.item("security_opt", value), message)
 
 
 def _requests(robot: Robot) -> Iterator[Finding]:
@@ -156,4 +157,43 @@ def _requests(robot: Robot) -> Iterator[Finding]:
                 yield Finding("requests-itself", subject.at("may_request", index), message)
 
 
-CHECKS = (_images, _distributions, _probes, _waiting, _daemons, _variables, _requests)
+def _shell_words(subject: Subject) -> Iterator[Finding]:
+    words = tuple(subject.options.get("command") or ())
+    if not words or any(w.rpartition("/")[2] in SHELLS for w in subject.words):
+        return
+    found = _for_a_shell(words)
+    if found:
+        message = f"no shell runs this command, and '{found}' is handed to the program as it is"
+        yield Finding("shell-words-without-shell", subject.command(), message)
+    elif "sudo" in words and "no-new-privileges:true" in (subject.options.get("security_opt") or ()):
+        message = "sudo gains nothing under no-new-privileges"
+        yield Finding("sudo-without-privileges", subject.command(), message)
+
+
+def _for_a_shell(words: tuple[str, ...]) -> str:
+    """The first word that only a shell understands. The text behind `-c` and similar options is for another program."""
+    if words[0] in ("source", "."):
+        return words[0]
+    found = next((w for w in words if w in OPERATORS), "")
+    if found:
+        return found
+    text = next((n for n, w in enumerate(words) if w in ("-c", "-e", "--eval")), len(words))
+    return next((w for w in words[:text] if EXPANDED.search(w)), "")
+
+
+def _beside(robot: Robot) -> Iterator[Finding]:
+    """Programs in the background, whose end nothing notices."""
+    for subject in (s for s in robot.subjects if s.script and s.service.restart != "never"):
+        text = re.sub(r"'[^']*'|\"[^\"]*\"", "", subject.script)
+        if BEHIND.search(text.rstrip()) and not re.search(r"\bwait -n\b|\btrap\b", text):
+            message = f"'{subject.name}' begins a program in the background: nothing notices how it ends"
+            yield Finding("program-in-background", subject.command(), message)
+
+
+CHECKS = (
+    _beside,
+    _images,
+    _waiting,
+    _requests,
+    *map(each, (_shell_words, _distributions, _probes, _daemons, _variables)),
+)

@@ -1,22 +1,25 @@
-"""A whole tree as checks look at it: its services, and how they stand to each other."""
+"""A whole tree as checks see it, and the findings that they return."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 from rorg.manifest.documents import Source
 from rorg.manifest.files import real
 from rorg.manifest.validation.subject import Subject
 from rorg.model.catalog import Catalog
+from rorg.model.diagnostics import Where
 from rorg.model.graph import closure
 from rorg.model.joining import SERVICE
 
 
 @dataclass(frozen=True)
 class Robot:
-    """The whole tree as checks look at it."""
+    """A whole tree: its services, and their relations."""
 
     catalog: Catalog
     sources: Mapping[str, Mapping[str, Source]]
@@ -52,45 +55,13 @@ class Robot:
         return {}
 
     def needs(self, name: str) -> set[str]:
-        """All that a service needs, with itself."""
-        known = self._needed.get(name)
-        if known is None:
-            direct = self.catalog.services[name].needs if name in self.catalog.services else ()
-            known = {name}.union(*(self._needed[n] if n in self._needed else self._closure(n) for n in direct))
-            self._needed[name] = known
-        return known
-
-    @cached_property
-    def _dependants(self) -> dict[str, set[str]]:
-        return {}
-
-    def dependants(self, name: str) -> set[str]:
-        """All that need a service, directly or not, with itself."""
-        if name not in self._dependants:
-            found, pending = set[str](), [name]
-            while pending:
-                one = pending.pop()
-                if one not in found:
-                    found.add(one)
-                    pending += self._direct.get(one, ())
-            self._dependants[name] = found
-        return self._dependants[name]
-
-    @cached_property
-    def _direct(self) -> dict[str, list[str]]:
-        """By name, those whose manifests or profiles say that they need it."""
-        found: dict[str, list[str]] = {}
-        for name, service in self.catalog.services.items():
-            for need in service.needs:
-                found.setdefault(need, []).append(name)
-        return found
-
-    def _closure(self, name: str) -> set[str]:
-        found = self._needed[name] = closure(self.catalog.services, [name])
-        return found
+        """The service and everything that it needs."""
+        if name not in self._needed:
+            self._needed[name] = closure(self.catalog.services, [name])
+        return self._needed[name]
 
     def whose(self, subject: Subject, option: str) -> str:
-        """Whose network (`network_mode`) or shared memory (`ipc`) its container has: `host`, a service's by its name,
+        """The owner of a container's network (`network_mode`) or shared memory (`ipc`): `host`, the name of a service,
         or `container:NAME`."""
         passed: set[str] = set()
         while (value := str(subject.options.get(option) or "")).startswith(SERVICE) and subject.name not in passed:
@@ -99,7 +70,8 @@ class Robot:
         return value if value == "host" or ":" in value else subject.name
 
     def apart(self, one: Subject, other: Subject) -> bool:
-        """Whether they are never active at once: they conflict, or want the same of what there is too little."""
+        """Whether they are never active at the same time: they conflict, or both need more of an exclusive resource
+        than exists."""
         a, b = one.service, other.service
         if a.name in b.conflicts or b.name in a.conflicts:
             return True
@@ -111,7 +83,7 @@ class Robot:
         )
 
     def asks_for(self, subject: Subject) -> set[str]:
-        """All that a service needs, or may request by itself."""
+        """Everything that a service needs, or may request itself."""
         found = set(self.needs(subject.name))
         for name in subject.service.may_request:
             for member in self.catalog.members(name):
@@ -122,12 +94,28 @@ class Robot:
         return found
 
 
+class Finding(NamedTuple):
+    """One finding of a check. The table of codes has what holds for all findings of its code."""
+
+    code: str
+    where: Where
+    message: str
+    remedy: str = ""
+    """Empty: the remedy of the table."""
+    severity: str = ""
+    """Empty: the severity of the table."""
+
+
+Check = Callable[[Robot], Iterator[Finding]]
+
+
+def each(check: Callable[[Subject], Iterator[Finding]]) -> Check:
+    """A check of a robot that checks one service at a time."""
+    return lambda robot: (finding for subject in robot.subjects for finding in check(subject))
+
+
 def minority(subjects: Collection[Subject], values: Mapping[str, str]) -> list[tuple[Subject, str]]:
-    """Of services that should have one value: those that have another one than most, with that of most."""
-    counts: dict[str, int] = {}
-    for subject in subjects:
-        counts[values[subject.name]] = counts.get(values[subject.name], 0) + 1
-    if len(counts) < 2:
-        return []
-    usual = max(counts, key=lambda v: (counts[v], v))
+    """(service, most common value) of each service whose value is not the most common one, though all should agree."""
+    counts = Counter(values[subject.name] for subject in subjects)
+    usual = max(counts, key=lambda v: (counts[v], v), default="")
     return [(s, usual) for s in subjects if values[s.name] != usual]

@@ -1,19 +1,19 @@
-"""ROS 1: the master, and what each service needs of the others."""
+"""ROS 1: the master, its parameters, and what each service needs from the others."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from itertools import combinations
 
-from rorg.manifest.idling import INFRASTRUCTURE
-from rorg.manifest.validation.finding import Finding
-from rorg.manifest.validation.robot import Robot
+from rorg.manifest.validation.idle import INFRASTRUCTURE
+from rorg.manifest.validation.robot import Finding, Robot
 from rorg.manifest.validation.subject import Subject
 from rorg.manifest.validation.texts import names_in, names_of_nodes, ports_named, ports_of, text_of, texts_of
 from rorg.model.diagnostics import Where
 
 CLOCKS = re.compile(r"(?<![\w-])(gazebo|gzserver|stageros|--clock|/clock|webots|ign|gz)\b")
-"""Words by which programs are known that give simulated time."""
+"""Words that identify programs which publish simulated time."""
 SIM_TIME = re.compile(r"use_sim_time\W{1,12}(?:value\W{1,3})?true", re.IGNORECASE)
 
 
@@ -32,38 +32,35 @@ def _place(subject: Subject) -> tuple[str, str]:
 
 
 def _needing(robot: Robot) -> Iterator[Finding]:
-    """Nodes and the master that they register with."""
+    """Nodes, and the master with which they register."""
     masters = {s.name: s for s in robot.masters}
     for subject in (s for s in robot.ros1 if masters and not s.is_master):
-        mine = [masters[n] for n in sorted(masters) if subject.name in robot.dependants(n)]
+        mine = [masters[n] for n in sorted(masters) if n in robot.needs(subject.name)]
+        names = {m.name for m in mine}
         waits = "roslaunch" not in subject.programs or any("--wait" in word for word in subject.words)
         if not mine:
-            name = next(iter(masters))
-            message = f"'{subject.name}' is a program of ROS 1, and does not need '{name}'"
+            first = next(iter(masters))
+            message = f"'{subject.name}' is a program of ROS 1, and does not need '{first}'"
             where = subject.at("needs") if subject.service.needs else subject.source.where("metadata", "name")
-            yield Finding("ros1-without-roscore", where, message, f"profile: ros1, or needs: [{name}]")
-        elif not any(m.name in subject.service.restarts_with for m in mine) and _direct(subject, mine):
-            message = f"a new '{mine[0].name}' knows nothing of '{subject.name}', which goes on as it is"
+            yield Finding("ros1-without-roscore", where, message, f"profile: ros1, or needs: [{first}]")
+        elif names.isdisjoint(subject.service.restarts_with) and not names.isdisjoint(subject.service.needs):
+            message = f"a restarted '{mine[0].name}' knows nothing of '{subject.name}', which keeps running"
             remedy = f"needs: [{{service: {mine[0].name}, restart: true}}], or profile: ros1"
             yield Finding("need-without-restart", _need(subject, mine[0].name), message, remedy)
         if not waits and (not mine or all(m.service.ready is None for m in mine)):
-            message = "roslaunch without --wait starts a master of its own where it finds none"
+            message = "roslaunch without --wait starts its own master if it finds none"
             yield Finding("roslaunch-without-wait", subject.command(), message)
 
 
-def _direct(subject: Subject, masters: list[Subject]) -> bool:
-    return any(m.name in subject.service.needs for m in masters)
-
-
 def _need(subject: Subject, name: str) -> Where:
-    for index, need in enumerate(subject._list("needs")):
+    for index, need in enumerate(subject.written_list("needs")):
         if need == name or (isinstance(need, dict) and need.get("service") == name):
             return subject.at("needs", index)
     return subject.at("needs")
 
 
 def _unprobed(robot: Robot) -> Iterator[Finding]:
-    """What others need counts as ready as soon as its process is there; it answers later."""
+    """Needed services without `ready` count as ready as soon as their process exists; they answer later."""
     needed = {n for s in robot.subjects for n in s.service.needs}
     for subject in robot.subjects:
         if subject.name not in needed or subject.service.ready is not None:
@@ -76,12 +73,12 @@ def _unprobed(robot: Robot) -> Iterator[Finding]:
 
 
 def _times(robot: Robot) -> Iterator[Finding]:
-    """All that asks for the time waits for ever where nobody gives it."""
+    """Simulated time without a clock: everything that waits for time waits forever."""
     simulated = [s for s in robot.ros1 if "use_sim_time" in (text := text_of(s)) and SIM_TIME.search(text)]
     if not simulated or any(CLOCKS.search(text_of(s)) for s in robot.subjects):
         return
     for subject in simulated:
-        message = f"'{subject.name}' uses simulated time, and no service of this robot gives it"
+        message = f"'{subject.name}' uses simulated time, and no service of this robot publishes it"
         yield Finding("sim-time-without-clock", subject.command(), message)
 
 
@@ -89,7 +86,7 @@ def _hidden(robot: Robot) -> Iterator[Finding]:
     """Names and ports of other services, in what a service is started with."""
     givers: dict[str, Subject] = {}
     for subject in robot.subjects:
-        own = names_of_nodes(subject) if subject.ros1 else set()
+        own = names_of_nodes(subject) if subject.ros1 else frozenset[str]()
         said = {a.probe.target for a in subject.asked_ready if a.probe.kind in ("ros_service", "ros_topic")}
         own = own | {str(name).strip("/").partition("/")[0] for name in said}
         for name in own:
@@ -101,7 +98,7 @@ def _hidden(robot: Robot) -> Iterator[Finding]:
         named |= {f":{port}" for port in ports_named(subject)} & givers.keys()
         found = {g.name: n for n in sorted(named) if (g := givers[n]) is not subject and not g.is_master}
         asked = robot.asks_for(subject) if found else set()
-        own = names_of_nodes(subject) if found and subject.ros1 else set()
+        own = names_of_nodes(subject) if found and subject.ros1 else frozenset()
         for name, what in sorted(found.items()):
             other = givers[what]
             back = subject.name in robot.needs(name)
@@ -112,4 +109,25 @@ def _hidden(robot: Robot) -> Iterator[Finding]:
             yield Finding("hidden-dependency", subject.command(), message, f"needs: [{name}]")
 
 
-CHECKS = (_masters, _needing, _unprobed, _times, _hidden)
+def _parameters(robot: Robot) -> Iterator[Finding]:
+    """Parameters that two services set: a master has one value per name."""
+    declaring = [(s, s.service.ros) for s in robot.subjects if s.service.ros]
+    for (one, first), (other, second) in combinations(declaring, 2):
+        if robot.apart(one, other) or first.master != second.master:
+            continue
+        before, now = first.values, second.values
+        for name in now:
+            rival = next((n for n in before if _within(n, name) and (n != name or before[n] != now[name])), "")
+            if rival:
+                what = "another value" if rival == name else f"its {rival}"
+                message = f"'{other.name}' sets {name}, for which '{one.name}' has {what}"
+                where = other.at("ros", "parameters", name)
+                yield Finding("ros-parameter-twice", where, message, "declaring it in a service that both need")
+
+
+def _within(one: str, other: str) -> bool:
+    """Whether one of two names equals the other or is in its namespace."""
+    return f"{one}/".startswith(f"{other}/") or f"{other}/".startswith(f"{one}/")
+
+
+CHECKS = (_masters, _needing, _unprobed, _times, _hidden, _parameters)

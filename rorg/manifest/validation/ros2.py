@@ -1,30 +1,29 @@
-"""ROS 2: services find each other only in one domain, and shared memory carries data only between alike ones."""
+"""ROS 2: services find each other only in the same domain, and exchange data by shared memory only with the same
+settings."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator
 
-from rorg.manifest.validation.finding import Finding
-from rorg.manifest.validation.robot import Robot, minority
+from rorg.manifest.validation.robot import Finding, Robot, minority
 from rorg.manifest.validation.subject import Subject
-from rorg.model.ros2 import RELEASES
-from rorg.model.units import parse_memory
+from rorg.model.ros import RELEASES
 
 MOST_DOMAIN = 232
-"""Above it, ports are beyond those that there are: the domain's first one is 7400 + 250 * domain."""
+"""Above it there are no ports: the first port of a domain is 7400 + 250 * domain."""
 TAKEN = range(102, 215)
-"""Domains whose ports are among those that Linux takes for connections (net.ipv4.ip_local_port_range)."""
+"""Domains with ports that Linux uses for outgoing connections (net.ipv4.ip_local_port_range)."""
 FAST = "rmw_fastrtps_cpp"
 SHARED = ("", FAST, "rmw_fastrtps_dynamic_cpp")
-"""Implementations that use shared memory by themselves, and are one on the wire."""
+"""Implementations that use shared memory by default, and are compatible with each other."""
 ALIKE = {
     "ROS_LOCALHOST_ONLY": "not all of them are found from other machines",
-    "ROS_AUTOMATIC_DISCOVERY_RANGE": "not all of them are found from other machines, and with OFF by nobody",
+    "ROS_AUTOMATIC_DISCOVERY_RANGE": "not all of them are found from other machines, and with OFF not at all",
     "ROS_DISCOVERY_SERVER": "they do not find each other",
     "ROS_STATIC_PEERS": "they look for others at different places",
 }
-"""Variables that should have one value, each with what comes of several."""
+"""Variables that should be the same everywhere, with the consequence if they are not."""
 SMALLEST = 16 << 20
 
 
@@ -84,7 +83,7 @@ def _discovery(robot: Robot) -> Iterator[Finding]:
 
 
 def shares_memory(subject: Subject) -> bool:
-    """Whether its data goes through shared memory, where that can be had."""
+    """Whether its data goes through shared memory if possible."""
     env = subject.env
     transports = env.get("FASTDDS_BUILTIN_TRANSPORTS", "")
     own = "FASTRTPS_DEFAULT_PROFILES_FILE" in env or "FASTDDS_DEFAULT_PROFILES_FILE" in env
@@ -92,8 +91,8 @@ def shares_memory(subject: Subject) -> bool:
 
 
 def _sharers(robot: Robot) -> dict[str, list[Subject]]:
-    """Those that send to each other by shared memory alone, by whose memory they have: at one address, each takes the
-    other to be on its own machine."""
+    """Services that exchange data only by shared memory, by the owner of that memory: at the same address, each assumes
+    that the other is on its own machine."""
     found: dict[str, list[Subject]] = {}
     for subject in robot.ros2:
         if shares_memory(subject) and robot.whose(subject, "network_mode") == "host":
@@ -119,16 +118,9 @@ def _memory(robot: Robot) -> Iterator[Finding]:
 def _size(robot: Robot) -> Iterator[Finding]:
     for subject in (s for s in robot.ros2 if shares_memory(s)):
         size = subject.options.get("shm_size")
-        if size is not None and subject.ipc != "host" and _bytes(size) < SMALLEST:
+        if size is not None and subject.ipc != "host" and size < SMALLEST:
             message = f"shm_size {size} is too little for the shared memory of one participant"
             yield Finding("shm-too-small", subject.option("shm_size"), message)
-
-
-def _bytes(value: object) -> int:
-    try:
-        return value if isinstance(value, int) else parse_memory(str(value))
-    except ValueError:
-        return SMALLEST
 
 
 def _users(robot: Robot) -> Iterator[Finding]:
@@ -140,7 +132,8 @@ def _users(robot: Robot) -> Iterator[Finding]:
 
 
 def _masters(robot: Robot) -> Iterator[Finding]:
-    """Whatever ROS 1 master answers on this machine would be asked, perhaps another robot's."""
+    """ROS 2 programs with ROS 1 probes: any master that answers on this machine would be asked, perhaps another
+    robot's."""
     for subject in (s for s in robot.subjects if s.without_master):
         for asked in subject.asked:
             if asked.probe.kind.startswith("ros_"):

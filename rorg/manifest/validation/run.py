@@ -1,60 +1,33 @@
-"""All checks of a tree: `check(robot)`."""
+"""Runs all checks of a tree: `validate(catalog, sources)`. Comments allow warnings that someone has reviewed:
+`# rorg: allow CODE: reason` on the line or before it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import replace
 
 from rorg.manifest.documents import Source, unexpected
-from rorg.manifest.validation import (
-    commands,
-    devices,
-    idle,
-    limits,
-    mounts,
-    networks,
-    programs,
-    ros1,
-    ros2,
-    ros_parameters,
-    stopping,
-    variables,
-)
-from rorg.manifest.validation.allowing import allowed
+from rorg.manifest.validation import devices, idle, limits, mounts, networks, programs, ros1, ros2, stopping, variables
 from rorg.manifest.validation.codes import CODES
-from rorg.manifest.validation.finding import Check, Finding
-from rorg.manifest.validation.robot import Robot
+from rorg.manifest.validation.robot import Check, Finding, Robot
 from rorg.manifest.yaml_source import Allow
 from rorg.model.catalog import Catalog
-from rorg.model.diagnostics import Diagnostic, Where
+from rorg.model.diagnostics import Diagnostic, Where, nearest
 
-FAMILIES = (
-    networks,
-    stopping,
-    idle,
-    ros1,
-    ros_parameters,
-    ros2,
-    devices,
-    mounts,
-    commands,
-    limits,
-    programs,
-    variables,
-)
+FAMILIES = (networks, stopping, idle, ros1, ros2, devices, mounts, limits, programs, variables)
 CHECKS: tuple[Check, ...] = tuple(check for family in FAMILIES for check in family.CHECKS)
 
 
 def validate(catalog: Catalog, sources: Mapping[str, Mapping[str, Source]]) -> list[Diagnostic]:
-    """What is wrong with a tree whose manifests are right one by one, without what comments let pass. `sources`: by
-    kind and name, those that the Catalog was made of."""
+    """Findings about a tree whose manifests are valid on their own, without what comments allow. `sources` are the
+    manifests of the Catalog, by kind and name."""
     robot = Robot(catalog, sources)
     found = [d for check in CHECKS for d in _found(check, robot)]
     return allowed(found, allows_of(sources), machine=False)
 
 
 def _found(check: Check, robot: Robot) -> list[Diagnostic]:
-    """What one check says. What it does not understand keeps the others from nothing."""
+    """Runs one check. A crash becomes a warning, so that the other checks still run."""
     try:
         return list(diagnostics(check(robot)))
     except Exception as bug:
@@ -63,7 +36,7 @@ def _found(check: Check, robot: Robot) -> list[Diagnostic]:
 
 
 def diagnostics(findings: Iterable[Finding]) -> Iterator[Diagnostic]:
-    """With what the table says of their codes."""
+    """Completes findings from the table of codes."""
     for found in findings:
         code = CODES[found.code]
         remedy, severity = found.remedy or code.remedy, found.severity or code.severity
@@ -71,5 +44,40 @@ def diagnostics(findings: Iterable[Finding]) -> Iterator[Diagnostic]:
 
 
 def allows_of(sources: Mapping[str, Mapping[str, Source]]) -> list[Allow]:
-    """What comments of these files let pass."""
+    """The comments of these files that allow warnings."""
     return [allow for found in sources.values() for source in found.values() for allow in source.document.allows]
+
+
+def allowed(found: Iterable[Diagnostic], allows: Collection[Allow], machine: bool) -> list[Diagnostic]:
+    """Returns the remaining diagnostics, and those about the comments themselves. `machine`: whether findings about
+    this machine are included. Without them, a comment that allows one may look unused."""
+    good: dict[tuple[str, str], list[Allow]] = {}
+    for allow in allows:
+        if allow.reason and allow.code in CODES:
+            good.setdefault((allow.where.file, allow.code), []).append(allow)
+    used: set[Allow] = set()
+    left = []
+    for diagnostic in found:
+        near = good.get((diagnostic.where.file, diagnostic.code), []) if diagnostic.severity == "warning" else []
+        by = [a for a in near if a.lines[0] <= diagnostic.where.line <= a.lines[1]]
+        used.update(by)
+        if not by:
+            left.append(diagnostic)
+    return [*left, *_wrong_comments(allows, used, machine)]
+
+
+def _wrong_comments(allows: Iterable[Allow], used: Collection[Allow], machine: bool) -> Iterator[Diagnostic]:
+    for allow in allows:
+        code = CODES.get(allow.code)
+        if code is None:
+            remedy = nearest(allow.code, CODES) or "one of docs/reference/findings.md"
+            message, of = f"there is no finding '{allow.code}'", "allow-unknown-code"
+        elif not allow.reason:
+            message = f"'{allow.code}' is allowed without a reason, so the comment has no effect"
+            remedy, of = f"# rorg: allow {allow.code}: why this is right here", "allow-without-reason"
+        elif allow not in used and (machine or not code.machine):
+            message, remedy = f"there is no finding '{allow.code}' here", "dropping this comment"
+            of = "allow-without-effect"
+        else:
+            continue
+        yield Diagnostic(allow.where, message, remedy, "warning", of)

@@ -1,4 +1,4 @@
-"""How services end: who gets the signal, what it does there, and who starts them again."""
+"""How services end: which process gets the signal, what it does then, and what restarts the service."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ from pathlib import Path
 
 from rorg.manifest.dockerfile_programs import Programs, programs_of
 from rorg.manifest.images import read_dockerfile
-from rorg.manifest.validation.finding import Finding
-from rorg.manifest.validation.robot import Robot
+from rorg.manifest.validation.robot import Finding, Robot, each
 from rorg.manifest.validation.subject import SHELLS, Subject
 from rorg.manifest.validation.texts import read
 from rorg.model.image_names import declared
@@ -18,38 +17,36 @@ from rorg.model.ros import MASTERS
 ENGINE_RESTARTS = ("always", "unless-stopped", "on-failure")
 PYTHON = re.compile(r"^(python[0-9.]*|.*\.py)$")
 HANDLES = frozenset((*MASTERS, "roslaunch", "rosbag", "ros2", "supervisord", "tini", "dumb-init"))
-"""Programs that end by SIGTERM, and cleanly."""
+"""Programs that end cleanly on SIGTERM."""
 EXEC = re.compile(r"(^|[;&|]\s*)exec\s")
 NOTHING = re.compile(r"^(true|:|exit 0|exit|wait)$")
 SHORT = 1.0
-"""Seconds in which no ROS node tells its master that it goes."""
+"""Seconds. No ROS node can unregister from its master in less."""
 
 
-def _restarts(robot: Robot) -> Iterator[Finding]:
-    for subject in robot.subjects:
-        policy = str(subject.options.get("restart") or "no")
-        if policy.partition(":")[0] in ENGINE_RESTARTS:
-            message = f"restart: {policy} lets the engine start what rorg has ceased, when the engine itself starts"
-            yield Finding("engine-restart-policy", subject.option("restart"), message)
+def _restarts(subject: Subject) -> Iterator[Finding]:
+    policy = str(subject.options.get("restart") or "no")
+    if policy.partition(":")[0] in ENGINE_RESTARTS:
+        message = f"restart: {policy} lets the engine start what rorg has stopped, when the engine itself starts"
+        yield Finding("engine-restart-policy", subject.option("restart"), message)
 
 
-def _signals(robot: Robot) -> Iterator[Finding]:
-    for subject in robot.subjects:
-        signal = str(subject.options.get("stop_signal") or "SIGTERM").upper().removeprefix("SIG")
-        if signal in ("KILL", "9"):
-            where = subject.option("stop_signal")
-            yield Finding("stop-by-kill", where, f"'{subject.name}' is killed at once when it is to stop")
-        elif signal in ("TERM", "15") and subject.ros1 and not subject.ros2 and not _python(subject):
-            end = "is killed after its grace" if not subject.options.get("init") else "ends at once"
-            message = f"a C++ node of ROS 1 does nothing by SIGTERM but end unsaid: it {end}, and stays registered"
-            yield Finding("sigterm-with-cpp-node", subject.option("stop_signal"), message)
+def _signals(subject: Subject) -> Iterator[Finding]:
+    signal = str(subject.options.get("stop_signal") or "SIGTERM").upper().removeprefix("SIG")
+    if signal in ("KILL", "9"):
+        where = subject.option("stop_signal")
+        yield Finding("stop-by-kill", where, f"'{subject.name}' is killed immediately instead of being stopped")
+    elif signal in ("TERM", "15") and subject.ros1 and not subject.ros2 and not _python(subject):
+        end = "is killed after its grace period" if not subject.options.get("init") else "ends immediately"
+        message = f"a C++ node of ROS 1 does not unregister on SIGTERM: it {end}, and stays registered"
+        yield Finding("sigterm-with-cpp-node", subject.option("stop_signal"), message)
 
 
 def _python(subject: Subject) -> bool:
-    """Whether what gets the signal is known to end cleanly by SIGTERM. That of a shell is another matter."""
+    """Whether the program that gets the signal is known to end cleanly on SIGTERM. Shells are checked elsewhere."""
     words = subject.words
     if not words:
-        return True  # the image's own command: nobody knows
+        return True  # the image's own command is unknown
     first = words[0].rpartition("/")[2]
     if first in SHELLS:
         return True
@@ -59,24 +56,24 @@ def _python(subject: Subject) -> bool:
 
 
 def _shells(robot: Robot) -> Iterator[Finding]:
-    """A shell that does not hand on the signal. With an init that signals the whole group all get it, and what is left
-    is that the shell's own exit code hides that of its program."""
+    """Shells that do not forward the signal. With an init that signals the whole group, all processes get it; then the
+    remaining problem is that the shell's exit code hides that of its program."""
     for subject in (s for s in robot.subjects if s.script and s.service.restart != "never"):
         commands = [c for c in subject.commands if c]
         last = commands[-1] if commands else ()
         if len(commands) < 2 or last[0] == "exec":
             continue
         if NOTHING.match(" ".join(last)) and commands[-2][0] != "exec":
-            message = f"the shell goes on after its program, with '{' '.join(last)}': nobody sees how that ended"
+            message = f"the shell goes on after its program, with '{' '.join(last)}': its exit code is lost"
         elif not _group(subject) and not re.search(r"\b(done|fi|esac)$|trap ", subject.script.strip()):
-            message = f"the shell keeps the signal from '{last[0]}': it is killed after its grace"
+            message = f"the shell keeps the signal from '{last[0]}': it is killed after its grace period"
         else:
             continue
         yield Finding("shell-without-exec", subject.command(), message)
 
 
 def _group(subject: Subject) -> bool:
-    """An init hands the signal to the whole group of processes."""
+    """Whether an init sends the signal to the whole process group."""
     return bool(subject.options.get("init")) and subject.env.get("TINI_KILL_PROCESS_GROUP") == "1"
 
 
@@ -84,12 +81,12 @@ def _graces(robot: Robot) -> Iterator[Finding]:
     for subject in (s for s in robot.subjects if s.ros1):
         grace = subject.options.get("stop_grace_period")
         if isinstance(grace, int | float) and grace < SHORT:
-            message = f"{grace:g} s are too short for a node of ROS 1 to sign off"
+            message = f"{grace:g} s are too short for a node of ROS 1 to unregister"
             yield Finding("grace-too-short", subject.option("stop_grace_period"), message)
 
 
 def _images(robot: Robot) -> Iterator[Finding]:
-    """Images of the tree whose own program is begun by a shell, where a service does not say what runs."""
+    """Images of the tree whose program is started by a shell, in services that declare no program."""
     for subject in robot.subjects:
         options = subject.options
         if _group(subject) or options.get("entrypoint") or subject.service.restart == "never":
@@ -105,7 +102,7 @@ def _images(robot: Robot) -> Iterator[Finding]:
 
 
 def _programs(robot: Robot, name: str) -> Programs:
-    """What an Image of the tree begins with, by its Dockerfile and those of the Images that it stands on."""
+    """The programs of an Image of the tree, by its Dockerfile and those of its bases."""
     found, seen = Programs(), set[str]()
     while name and name not in seen:
         seen.add(name)
@@ -119,4 +116,4 @@ def _programs(robot: Robot, name: str) -> Programs:
     return found
 
 
-CHECKS = (_restarts, _signals, _shells, _images, _graces)
+CHECKS = (_shells, _images, _graces, *map(each, (_restarts, _signals)))

@@ -1,10 +1,11 @@
-"""A service as checks look at it: rendered, with the places of what its manifest says of it."""
+"""A service as checks see it: rendered, with the places of its values in the manifest."""
 
 from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -12,29 +13,29 @@ from typing import Any, NamedTuple
 from rorg.manifest.documents import Source
 from rorg.model.catalog import Probe, Service
 from rorg.model.diagnostics import Where
-from rorg.model.ros import MASTERS, PROGRAMS
-from rorg.model.ros2 import declares_ros2, without_master
+from rorg.model.ports import Published, parse_ports
+from rorg.model.ros import MASTERS, PROGRAMS, declares_ros2, without_master
 from rorg.model.volumes import mounted_at
 
 SHELLS = ("sh", "bash", "dash", "zsh", "ash")
 ROS2_PROGRAMS = frozenset(("ros2",))
 OPERATORS = frozenset((";", "&&", "||", "|", "&", "\n"))
 MOST_SCRIPT = 128 << 10
-"""Characters of a shell's text that are looked at."""
+"""Maximum number of characters that checks read of a shell's script."""
 
 
 class Mount(NamedTuple):
-    """One volume: a place of the host, or the name of a volume, and where it is inside."""
+    """One volume: a path of the host or the name of a volume, and its path in the container."""
 
     source: str
     target: str
     read_only: bool
     place: int
-    """In the rendered list."""
+    """Index in the rendered list."""
 
     @property
     def path(self) -> str:
-        """On the host; empty for a volume."""
+        """Path on the host; empty for a named volume."""
         return self.source.rstrip("/") or "/" if self.source.startswith("/") else ""
 
 
@@ -44,11 +45,11 @@ class Asked(NamedTuple):
     role: str
     probe: Probe
     part: int | None
-    """In the list of those that must all hold; None where it is the only one."""
+    """Index in the list `all`; None if it is the only question."""
 
     @property
     def path(self) -> tuple[str | int, ...]:
-        """Where it stands in the spec."""
+        """Its path in the spec."""
         return (self.role, self.probe.kind) if self.part is None else (self.role, "all", self.part, self.probe.kind)
 
 
@@ -61,7 +62,7 @@ class Subject:
     top: str = ""
     """The directory of the tree, without links."""
     memo: dict[str, Any] = field(default_factory=dict)
-    """What was read for it once."""
+    """Cache for texts.once."""
 
     @property
     def name(self) -> str:
@@ -73,16 +74,16 @@ class Subject:
 
     @cached_property
     def env(self) -> Mapping[str, str]:
-        return {name: str(value) for name, value in self.options.get("environment", {}).items()}
+        return dict(self.options.get("environment", {}))
 
     @cached_property
     def words(self) -> tuple[str, ...]:
-        """What runs, as far as the manifest says it: entry point, then command."""
-        return (*_words(self.options.get("entrypoint")), *_words(self.options.get("command")))
+        """The command line, as far as the manifest declares it: entry point, then command."""
+        return (*(self.options.get("entrypoint") or ()), *(self.options.get("command") or ()))
 
     @cached_property
     def script(self) -> str:
-        """What a shell is told by `-c`, up to a size; empty if it is told nothing."""
+        """The script that a shell runs by `-c`, up to a maximum length; empty if there is none."""
         for first, second, text in zip(self.words, self.words[1:], self.words[2:], strict=False):
             if first.rpartition("/")[2] in SHELLS and re.fullmatch("-[a-z]*c", second):
                 return text[:MOST_SCRIPT]
@@ -90,12 +91,12 @@ class Subject:
 
     @cached_property
     def commands(self) -> tuple[tuple[str, ...], ...]:
-        """The single commands that run: those of the shell's text, or the one without a shell."""
+        """The single commands: those of the script, or the command line without a shell."""
         return tuple(_commands(self.script)) if self.script else (self.words,)
 
     @cached_property
     def programs(self) -> frozenset[str]:
-        """Names of programs, and of all words that may be one behind another (`entry.sh roslaunch`)."""
+        """Names of programs, including all words that may be a program behind another (`entry.sh roslaunch`)."""
         return frozenset(word.rpartition("/")[2] for command in self.commands for word in command)
 
     @cached_property
@@ -112,7 +113,7 @@ class Subject:
 
     @property
     def uid(self) -> str:
-        """Of its processes, as written; 0 where nothing is said, as most images have it."""
+        """The user of its processes, as written; 0 without a declaration, as in most images."""
         found = str(self.options.get("user") or "0").partition(":")[0]
         return "0" if found == "root" else found
 
@@ -122,7 +123,7 @@ class Subject:
 
     @cached_property
     def without_master(self) -> bool:
-        """Whether it is a program of ROS 2 alone."""
+        """Whether it is a program of ROS 2 only."""
         return without_master(self.env, str(self.options.get("image") or ""), self.programs)
 
     @cached_property
@@ -136,12 +137,12 @@ class Subject:
 
     @cached_property
     def asked(self) -> tuple[Asked, ...]:
-        """What its probes ask it, one by one: first those of `ready`, then those of `live`."""
+        """The questions of its probes: those of `ready`, then those of `live`."""
         return (*_asked("ready", self.service.ready), *_asked("live", self.service.live))
 
     @cached_property
     def asked_ready(self) -> tuple[Asked, ...]:
-        """Those of `ready`."""
+        """The questions of `ready`."""
         return tuple(asked for asked in self.asked if asked.role == "ready")
 
     @property
@@ -158,35 +159,38 @@ class Subject:
 
     @cached_property
     def mounts_of_tree(self) -> tuple[Mount, ...]:
-        """Those whose source lies in the tree."""
+        """Mounts whose source is in the tree."""
         return tuple(m for m in self.mounts if m.path and (m.path == self.top or m.path.startswith(f"{self.top}/")))
 
     @cached_property
     def devices(self) -> tuple[tuple[str, str], ...]:
-        """(on the host, inside) of each device that is named by a path."""
-        found = []
-        for value in self.options.get("devices") or ():
-            if isinstance(value, str):
-                host, _, rest = value.partition(":")
-                found.append((host, rest.partition(":")[0] or host))
-            elif isinstance(value, Mapping) and value.get("source"):
-                found.append((str(value["source"]), str(value.get("target") or value["source"])))
+        """(path on the host, path in the container) of each device that is named by a path."""
+        parts = (value.split(":") for value in self.options.get("devices") or ())
+        return tuple((host, rest[0] if rest and rest[0] else host) for host, *rest in parts)
+
+    @cached_property
+    def published(self) -> tuple[tuple[int, Published], ...]:
+        """(index in `ports`, port) of each port of this machine that it publishes."""
+        found = list[tuple[int, Published]]()
+        for index, text in enumerate(self.options.get("ports") or ()):
+            with suppress(ValueError):  # a mistake that the model of the container has reported
+                found += [(index, port) for port in parse_ports(text) if port.host.isdigit()]
         return tuple(found)
 
     @property
     def pauses(self) -> bool:
-        """It is paused when nobody wants it, which may happen."""
+        """Whether it may be paused when idle."""
         return self.service.idle.action == "pause" and not self.service.always_on
 
     @property
     def mindful(self) -> bool:
-        """It is not paused while its ROS nodes are connected to those of others."""
+        """Whether it is never paused while its ROS nodes are connected to those of other services."""
         return self.service.idle.connected != "pause"
 
     # -- places ------------------------------------------------------------------------------------------------
 
     def at(self, *path: str | int) -> Where:
-        """Of a field of the spec; of the profile where that says so."""
+        """The place of a field of the spec, or of the profile that sets it."""
         if ("spec", *path[:2]) in self.source.document.values:
             return self.source.where("spec", *path)
         if path and ("spec", path[0]) in self.source.document.values and path[0] != "container":
@@ -196,43 +200,46 @@ class Subject:
         return self.source.where("metadata", "name")
 
     def option(self, name: str, *below: str | int) -> Where:
-        """Of an option of the container."""
+        """The place of an option of the container."""
         return self.at("container", name, *below)
 
     def variable(self, name: str) -> Where:
-        """Of one variable of its environment."""
+        """The place of a variable of its environment."""
         if ("spec", "container", "environment", name) in self.source.document.values:
             return self.source.where("spec", "container", "environment", name)
         written = self._written("container", "environment")
         if isinstance(written, list):
-            for index, item in enumerate(written):
-                if str(item).partition("=")[0] == name:
-                    return self.option("environment", index)
+            names = [str(item).partition("=")[0] for item in written]
+            if name in names:
+                return self.option("environment", names.index(name))
         declared = ("spec", "profile") in self.source.document.values
         return self.source.where("spec", "profile") if declared else self.option("environment")
 
     def volume(self, mount: Mount) -> Where:
-        """Of one volume, by its place inside."""
-        for path in (("container", "volumes"), ("mounts",)):
-            for index, item in enumerate(self._list(*path)):
-                if _target(item) == mounted_at(self.options["volumes"][mount.place]):
-                    return self.at(*path, index)
-        return self.option("volumes")
+        """The place of a volume, by its path in the container."""
+        target = mounted_at(self.options["volumes"][mount.place])
+        paths = (("container", "volumes"), ("mounts",))
+        return self._first(paths, lambda item: _target(item) == target) or self.option("volumes")
 
     def device(self, host: str) -> Where:
-        """Of one device, by its path on the host."""
-        for path in (("driver", "devices"), ("container", "devices")):
-            for index, item in enumerate(self._list(*path)):
-                if (item.partition(":")[0] if isinstance(item, str) else item.get("source", item.get("path"))) == host:
-                    return self.source.where("spec", *path, index)
-        return self.option("devices")
+        """The place of a device, by its path on the host."""
+
+        def same(item: Any) -> bool:
+            return host == (item.partition(":")[0] if isinstance(item, str) else item.get("source", item.get("path")))
+
+        return self._first((("driver", "devices"), ("container", "devices")), same) or self.option("devices")
 
     def item(self, name: str, *values: str) -> Where:
-        """Of the first of these items in an option that is a list."""
-        for index, item in enumerate(self._list("container", name)):
-            if item in values:
-                return self.option(name, index)
-        return self.option(name)
+        """The place of the first of these items in an option that is a list."""
+        return self._first((("container", name),), lambda item: item in values) or self.option(name)
+
+    def _first(self, paths: Iterable[tuple[str, ...]], wanted: Callable[[Any], bool]) -> Where | None:
+        """The place of the first wanted item in the lists at these paths of the manifest's spec."""
+        for path in paths:
+            for index, item in enumerate(self.written_list(*path)):
+                if wanted(item):
+                    return self.source.where("spec", *path, index)
+        return None
 
     def command(self) -> Where:
         own = ("spec", "command") in self.source.document.values
@@ -244,7 +251,7 @@ class Subject:
             found = found.get(part) if isinstance(found, dict) else None
         return found
 
-    def _list(self, *path: str) -> list[Any]:
+    def written_list(self, *path: str) -> list[Any]:
         found = self._written(*path)
         return found if isinstance(found, list) else []
 
@@ -252,12 +259,6 @@ class Subject:
 def _asked(role: str, probe: Probe | None) -> Iterator[Asked]:
     for index, one in enumerate(probe.questions if probe else ()):
         yield Asked(role, one, index if probe and probe.parts else None)
-
-
-def _words(value: object) -> tuple[str, ...]:
-    if isinstance(value, str):
-        return tuple(value.split())
-    return tuple(map(str, value)) if isinstance(value, list | tuple) else ()
 
 
 def _commands(text: str) -> Iterator[tuple[str, ...]]:
@@ -271,7 +272,7 @@ def _commands(text: str) -> Iterator[tuple[str, ...]]:
                 command = []
             else:
                 command.append(word)
-    except ValueError:  # a quote that is not closed: the shell will say so
+    except ValueError:  # an unclosed quote: the shell will report it
         command += text.split()
     yield tuple(command)
 

@@ -1,21 +1,22 @@
-"""What is known of a service by text alone: launch files and scripts that it mounts from the tree."""
+"""Facts about a service from text alone: launch files and scripts that it mounts from the tree."""
 
 from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator
-from functools import lru_cache
+from collections.abc import Callable
+from functools import lru_cache, wraps
 from pathlib import Path
+from typing import Any, TypeVar
 
 from rorg.manifest.files import read_text
 from rorg.manifest.validation.subject import Subject
 
 MOST = 128 << 10
-"""Bytes of one file that are read."""
+"""Maximum number of bytes read from one file."""
 MOST_FILES = 12
-"""Files of one service."""
-# The texts are anybody's: each expression below takes time linear in them.
+"""Maximum number of files of one service."""
+# The texts may come from anyone: each expression below takes linear time.
 _NODE = re.compile(r"<node\b([^<>]*)")
 _NODE_NAME = re.compile(r"""\bname\s*=\s*["']([A-Za-z][\w/]*)["']""")
 _NAMED = re.compile(r"^__name:=(\S+)$")
@@ -24,7 +25,22 @@ _CALLED = re.compile(r"(?<![\w.-])(localhost|127\.0\.0\.1|[A-Za-z][\w.-]*):([0-9
 _WORD = re.compile(r"[\w/.:~-]{3,}")
 _NAME = re.compile(r"(?<![\w/.:])/?([A-Za-z]\w{3,})/|(?<![\w/.:~-])/([A-Za-z]\w{3,})(?![\w/.-])")
 LOCAL = ("localhost", "127.0.0.1")
+T = TypeVar("T")
 READ = (".launch", ".xml", ".sh", ".bash", ".py", ".yaml", ".yml")
+
+
+def once(find: Callable[[Subject], T]) -> Callable[[Subject], T]:
+    """Caches a result with its service, for the next check that asks."""
+
+    @wraps(find)
+    def found(subject: Subject) -> T:
+        memo: dict[str, Any] = subject.memo
+        if find.__name__ not in memo:
+            memo[find.__name__] = find(subject)
+        value: T = memo[find.__name__]
+        return value
+
+    return found
 
 
 @lru_cache(maxsize=4096)
@@ -36,7 +52,7 @@ def _read(path: str, root: str, _stamp: tuple[int, int]) -> str:
 
 
 def read(path: str, root: Path) -> str:
-    """The text of a small file of the tree; empty for what is none."""
+    """The text of a small file of the tree; empty if it cannot be read."""
     try:
         found = os.stat(path)
     except (OSError, ValueError):
@@ -45,7 +61,7 @@ def read(path: str, root: Path) -> str:
 
 
 def inside(subject: Subject, word: str) -> str:
-    """Where on the machine a path of the container is, by what is mounted from the tree; empty where it is not."""
+    """The path on the machine of a path in the container, by the mounts from the tree; empty if there is none."""
     for mount in subject.mounts_of_tree:
         if word == mount.target:
             return mount.path
@@ -54,38 +70,27 @@ def inside(subject: Subject, word: str) -> str:
     return ""
 
 
-def named_files(subject: Subject) -> list[tuple[str, str]]:
+@once
+def named_files(subject: Subject) -> tuple[tuple[str, str], ...]:
     """(word, path on the machine) of each file of the tree that the command names by its path in the container."""
-    if "named" not in subject.memo:
-        subject.memo["named"] = list(_named_files(subject)) if subject.mounts_of_tree else []
-    return list(subject.memo["named"])
+    found: dict[str, str] = {}
+    for word in (word for command in subject.commands for word in command if "/" in word and subject.mounts_of_tree):
+        path = inside(subject, word.partition(":=")[2] or word)
+        if path and len(found) < MOST_FILES:
+            found.setdefault(path, word)
+    return tuple((word, path) for path, word in found.items())
 
 
-def _named_files(subject: Subject) -> Iterator[tuple[str, str]]:
-    seen: set[str] = set()
-    for command in subject.commands:
-        for word in command:
-            path = inside(subject, word.partition(":=")[2] or word) if "/" in word else ""
-            if path and path not in seen and len(seen) < MOST_FILES:
-                seen.add(path)
-                yield word, path
-
-
+@once
 def files_of(subject: Subject) -> dict[str, str]:
-    """The texts of the tree that a service is started with, by their paths."""
-    if "files" not in subject.memo:
-        subject.memo["files"] = _files_of(subject)
-    return dict(subject.memo["files"])
-
-
-def _files_of(subject: Subject) -> dict[str, str]:
+    """The texts of the tree that a service is started with, by path."""
     found = {path: read(path, subject.source.root) for _, path in named_files(subject) if path.endswith(READ)}
     return {path: _said(text) if path.endswith((".launch", ".xml")) else text for path, text in found.items()}
 
 
 @lru_cache(maxsize=4096)
 def _said(text: str) -> str:
-    """Without comments."""
+    """Removes comments."""
     pieces, at = list[str](), 0
     while (begin := text.find("<!--", at)) >= 0 and (end := text.find("-->", begin + 4)) >= 0:
         pieces.append(text[at:begin])
@@ -93,31 +98,24 @@ def _said(text: str) -> str:
     return " ".join([*pieces, text[at:]])
 
 
+@once
 def texts_of(subject: Subject) -> tuple[str, ...]:
-    """All words that a service is started with: its own, then those of each file."""
-    if "texts" not in subject.memo:
-        values = (f"{name}={value}" for name, value in subject.env.items())
-        subject.memo["texts"] = ("\n".join((" ".join(subject.words), *values)), *files_of(subject).values())
-    found: tuple[str, ...] = subject.memo["texts"]
-    return found
+    """All text that a service is started with: its own, then that of each file."""
+    values = (f"{name}={value}" for name, value in subject.env.items())
+    return ("\n".join((" ".join(subject.words), *values)), *files_of(subject).values())
 
 
 def text_of(subject: Subject) -> str:
-    """The same in one."""
+    """The same in one string."""
     return "\n".join(texts_of(subject))
 
 
-def names_of_nodes(subject: Subject) -> set[str]:
-    """Its nodes in the ROS graph, as far as its command, its launch files and its probes name them."""
-    if "nodes" not in subject.memo:
-        subject.memo["nodes"] = _names_of_nodes(subject)
-    return set(subject.memo["nodes"])
-
-
-def _names_of_nodes(subject: Subject) -> set[str]:
+@once
+def names_of_nodes(subject: Subject) -> frozenset[str]:
+    """Its nodes in the ROS graph, as far as its command, launch files and probes name them."""
     found = {_NAMED.sub(r"\1", word) for command in subject.commands for word in command if word.startswith("__name")}
     found |= {str(asked.probe.target) for asked in subject.asked if asked.probe.kind == "ros_node"}
-    own = {name.strip("/") for name in found}
+    own = frozenset(name.strip("/") for name in found)
     return own.union(*map(_nodes_in, files_of(subject).values())) - {"rosout", ""}
 
 
@@ -129,14 +127,13 @@ def _nodes_in(text: str) -> frozenset[str]:
 
 @lru_cache(maxsize=8192)
 def _paths_in(text: str) -> tuple[str, ...]:
-    """Words that may be paths, names in the ROS graph or places in the network: in these alone the others below are
-    looked for, which takes much longer."""
+    """Words that may be paths, ROS names or network addresses. The slower searches below run only on these."""
     return tuple(word for word in set(_WORD.findall(text)) if "/" in word or ":" in word)
 
 
 @lru_cache(maxsize=8192)
 def names_in(text: str) -> frozenset[str]:
-    """Names of the ROS graph: `/scan`, or `scan` in `scan/points`."""
+    """Names in the ROS graph: `/scan`, or `scan` in `scan/points`."""
     return frozenset(name for word in _paths_in(text) for pair in _NAME.findall(word) for name in pair if name)
 
 
@@ -145,33 +142,21 @@ def _calls_in(text: str) -> frozenset[tuple[str, str]]:
     return frozenset(call for word in _paths_in(text) if ":" in word for call in _CALLED.findall(word))
 
 
+@once
 def ports_of(subject: Subject) -> frozenset[str]:
-    """Ports of this machine at which it answers, as far as its probes and what it publishes name them."""
-    if "ports" not in subject.memo:
-        subject.memo["ports"] = frozenset(_ports_of(subject))
-    found: frozenset[str] = subject.memo["ports"]
-    return found
+    """Ports of this machine where it answers, as far as its probes and its published ports name them."""
+    probed = (_ANSWERS.match(str(a.probe.target)) for a in subject.asked_ready if a.probe.kind in ("tcp", "http"))
+    published = (text.rpartition(":")[0].rpartition(":")[2] for text in subject.options.get("ports") or ())
+    return frozenset([*(found[1] for found in probed if found), *filter(None, published)])
 
 
-def _ports_of(subject: Subject) -> Iterator[str]:
-    for asked in subject.asked_ready:
-        if asked.probe.kind in ("tcp", "http"):
-            found = _ANSWERS.match(str(asked.probe.target))
-            yield from found.groups() if found else ()
-    for text in subject.options.get("ports") or ():
-        if isinstance(text, str) and text.count(":") >= 1:
-            yield text.rpartition(":")[0].rpartition(":")[2]
-
-
+@once
 def calls_of(subject: Subject) -> frozenset[tuple[str, str]]:
-    """(host, port) of each place that its words, its environment, its files and its probes name."""
-    if "calls" not in subject.memo:
-        probed = (str(a.probe.target) for a in subject.asked if a.probe.kind in ("tcp", "http"))
-        subject.memo["calls"] = frozenset().union(*map(_calls_in, (*texts_of(subject), *probed)))
-    found: frozenset[tuple[str, str]] = subject.memo["calls"]
-    return found
+    """(host, port) of each address in its command line, environment, files and probes."""
+    probed = (str(a.probe.target) for a in subject.asked if a.probe.kind in ("tcp", "http"))
+    return frozenset[tuple[str, str]]().union(*map(_calls_in, (*texts_of(subject), *probed)))
 
 
 def ports_named(subject: Subject) -> set[str]:
-    """Ports of this machine in what it is started with, its own probes aside."""
+    """Ports of this machine in what it is started with, except its own probes."""
     return {port for text in texts_of(subject) for host, port in _calls_in(text) if host in LOCAL}

@@ -1,4 +1,4 @@
-"""Names that somebody most likely meant otherwise: variables of ROS, and images of the tree."""
+"""Names that are most likely misspelt: variables of ROS, and images of the tree."""
 
 from __future__ import annotations
 
@@ -6,73 +6,39 @@ import difflib
 from collections.abc import Iterator
 from functools import lru_cache
 
-from rorg.manifest.validation.finding import Finding
-from rorg.manifest.validation.robot import Robot
+from rorg.manifest.validation.robot import Finding, Robot, each
+from rorg.manifest.validation.subject import Subject
 from rorg.model.diagnostics import close_to
 from rorg.model.image_names import declared, plain
 
 ALIKE = 0.86
-"""From this likeness on (of difflib) a name is taken for another one that is known."""
-KNOWN = (
-    "ROS_MASTER_URI",
-    "ROS_HOSTNAME",
-    "ROS_IP",
-    "ROS_NAMESPACE",
-    "ROS_LOG_DIR",
-    "ROS_HOME",
-    "ROS_PACKAGE_PATH",
-    "ROS_DISTRO",
-    "ROS_VERSION",
-    "ROS_PYTHON_VERSION",
-    "ROS_ETC_DIR",
-    "ROS_ROOT",
-    "ROS_DOMAIN_ID",
-    "ROS_LOCALHOST_ONLY",
-    "ROS_AUTOMATIC_DISCOVERY_RANGE",
-    "ROS_STATIC_PEERS",
-    "ROS_DISCOVERY_SERVER",
-    "ROS_SUPER_CLIENT",
-    "ROS_SECURITY_ENABLE",
-    "ROS_SECURITY_KEYSTORE",
-    "ROS_SECURITY_STRATEGY",
-    "RMW_IMPLEMENTATION",
-    "RCUTILS_COLORIZED_OUTPUT",
-    "RCUTILS_CONSOLE_OUTPUT_FORMAT",
-    "RCUTILS_LOGGING_BUFFERED_STREAM",
-    "RCUTILS_LOGGING_USE_STDOUT",
-    "ROSCONSOLE_FORMAT",
-    "ROSCONSOLE_CONFIG_FILE",
-    "FASTRTPS_DEFAULT_PROFILES_FILE",
-    "FASTDDS_DEFAULT_PROFILES_FILE",
-    "FASTDDS_BUILTIN_TRANSPORTS",
-    "CYCLONEDDS_URI",
-    "AMENT_PREFIX_PATH",
-    "CMAKE_PREFIX_PATH",
-)
+"""Similarity (of difflib) above which a name counts as a misspelt known one."""
+_KNOWN = """
+ROS_MASTER_URI ROS_HOSTNAME ROS_IP ROS_NAMESPACE ROS_LOG_DIR ROS_HOME ROS_PACKAGE_PATH ROS_DISTRO ROS_VERSION
+ROS_PYTHON_VERSION ROS_ETC_DIR ROS_ROOT ROS_DOMAIN_ID ROS_LOCALHOST_ONLY ROS_AUTOMATIC_DISCOVERY_RANGE
+ROS_STATIC_PEERS ROS_DISCOVERY_SERVER ROS_SUPER_CLIENT ROS_SECURITY_ENABLE ROS_SECURITY_KEYSTORE ROS_SECURITY_STRATEGY
+RMW_IMPLEMENTATION RCUTILS_COLORIZED_OUTPUT RCUTILS_CONSOLE_OUTPUT_FORMAT RCUTILS_LOGGING_BUFFERED_STREAM
+RCUTILS_LOGGING_USE_STDOUT ROSCONSOLE_FORMAT ROSCONSOLE_CONFIG_FILE FASTRTPS_DEFAULT_PROFILES_FILE
+FASTDDS_DEFAULT_PROFILES_FILE FASTDDS_BUILTIN_TRANSPORTS CYCLONEDDS_URI AMENT_PREFIX_PATH CMAKE_PREFIX_PATH"""
+KNOWN = tuple(_KNOWN.split())
 BEGINS = ("RO", "RM", "RSO", "RC", "FAST", "CYC", "AMENT", "CMAKE")
 RMW = (
-    "rmw_fastrtps_cpp",
-    "rmw_fastrtps_dynamic_cpp",
-    "rmw_cyclonedds_cpp",
-    "rmw_connextdds",
-    "rmw_connext_cpp",
-    "rmw_gurumdds_cpp",
-    "rmw_zenoh_cpp",
+    *("rmw_fastrtps_cpp", "rmw_fastrtps_dynamic_cpp", "rmw_cyclonedds_cpp", "rmw_connextdds", "rmw_connext_cpp"),
+    *("rmw_gurumdds_cpp", "rmw_zenoh_cpp"),
 )
 
 
-def _names(robot: Robot) -> Iterator[Finding]:
-    for subject in robot.subjects:
-        for name in sorted(set(subject.env) - set(KNOWN)):
-            close = _like(name)
-            if close and close not in subject.env:
-                message = f"nothing reads {name}; {close} is a variable of ROS"
-                yield Finding("misspelt-variable", subject.variable(name), message, close)
+def _names(subject: Subject) -> Iterator[Finding]:
+    for name in sorted(set(subject.env) - set(KNOWN)):
+        close = _like(name)
+        if close and close not in subject.env:
+            message = f"nothing reads {name}; {close} is a variable of ROS"
+            yield Finding("misspelt-variable", subject.variable(name), message, close)
 
 
 @lru_cache(maxsize=4096)
 def _like(name: str) -> str:
-    """The variable of ROS that is meant; empty for none."""
+    """The variable of ROS that was probably meant; empty if there is none."""
     if not name.startswith(BEGINS) or name.startswith("RORG_"):
         return ""
     return next(iter(difflib.get_close_matches(name, KNOWN, 1, ALIKE)), "")
@@ -94,8 +60,8 @@ def _images(robot: Robot) -> Iterator[Finding]:
         if not images or declared(name, images) or "/" in name or ":" in plain(name):
             continue
         if close := close_to(name, images, ALIKE):
-            message = f"'{name}' is no Image of this tree, and would be pulled"
+            message = f"'{name}' is not an Image of this tree and would be pulled"
             yield Finding("misspelt-image", subject.at("image"), message, f"'{close}'")
 
 
-CHECKS = (_names, _implementations, _images)
+CHECKS = (_implementations, _images, *map(each, (_names,)))

@@ -1,4 +1,4 @@
-"""What would be done if something else were declared: a plan that is only shown."""
+"""Preview: what rorg would do if other manifests were declared. Nothing is executed."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from rorg.core.memory import Memory, ProbeResult, ProbeResults
 
 
 def unlocked(desired: Desired, now: float) -> ProbeResults:
-    """The word of each interlock. It is asked when something is done; what is only shown does not wait for it."""
+    """Return an allowing answer for every interlock. Interlocks are asked only before something is done."""
     return {(n, "interlock"): ProbeResult("", True, now) for n, s in desired.catalog.services.items() if s.interlock}
 
 
-def suppose(inputs: Inputs, memory: Memory, desired: Desired) -> Decision:
-    """What the pass with these inputs, and what is remembered since, would decide if this were declared. Images that
-    are not there are no reason to wait: they would be had first."""
+def preview(inputs: Inputs, memory: Memory, desired: Desired) -> Decision:
+    """Decide as the last pass did, with other manifests and the present memory. Missing images hold nothing back,
+    because they would be obtained first."""
     results = {**inputs.results, **unlocked(desired, inputs.now)}
     return decide(
         replace(

@@ -1,4 +1,5 @@
-"""What has changed between two states of the manifests, thing by thing, without a robot."""
+"""The difference between two states of the manifests, field by field, without a robot or an engine: `rorg diff
+REVISION`."""
 
 from __future__ import annotations
 
@@ -16,17 +17,17 @@ from rorg.model.catalog import DEVELOPER
 from rorg.model.objects import EngineObject
 
 UNTOLD = frozenset(("ros", "where", "origins", "defaults", "spec", "name", "description", "labels", "joins"))
-"""What makes nothing different for a robot, or is told otherwise."""
+"""Fields that make no difference on a robot, or that are compared in another form."""
 
 CONTENT = "content"
-"""Path of the tree that a service mounts -> digest of what is there."""
+"""Pseudo-field: mounted path of the tree -> digest of its content."""
 PARAMETERS = "ros.parameters"
-"""Name of a ROS parameter -> its value, which may be secret."""
+"""Pseudo-field: name of a ROS parameter -> its value, which may be secret and is therefore masked."""
 
 
 @dataclass(frozen=True, slots=True)
 class Changed:
-    """A service, group, image, network, volume, request or the Policy that is not the same in both. `verb`: add, change
+    """A resource that differs: a service, group, image, network, volume, request or the Policy. `verb` is add, change
     or remove."""
 
     kind: str
@@ -38,9 +39,9 @@ class Changed:
         return {"kind": self.kind, "name": self.name, "verb": self.verb, "changes": [c.as_json() for c in self.changes]}
 
 
-def between(old: Desired, new: Desired) -> tuple[Changed, ...]:
-    """Services first, each kind in the order of names."""
-    return tuple(_compared(_things(old), _things(new)))
+def manifest_changes(old: Desired, new: Desired) -> tuple[Changed, ...]:
+    """Return all changes, services first, each kind sorted by name."""
+    return tuple(_compared(_resources(old), _resources(new)))
 
 
 def _compared(old: Mapping[str, Mapping[str, Any]], new: Mapping[str, Mapping[str, Any]]) -> Iterator[Changed]:
@@ -64,36 +65,36 @@ def _changes(field: str, old: Any, new: Any) -> list[Change]:
     return [Change(f"{before}{n}", MASK if n in was else None, MASK if n in now else None) for n in names]
 
 
-def _things(desired: Desired) -> dict[str, dict[str, dict[str, Any]]]:
-    """Kind -> name -> its fields, as plain JSON."""
+def _resources(desired: Desired) -> dict[str, dict[str, dict[str, Any]]]:
+    """Return kind -> name -> fields, as plain JSON."""
     catalog = desired.catalog
     services = {n: s for n, s in catalog.services.items() if n != DEVELOPER}
     return {
         "Service": {name: _service(desired, name) for name in services},
         "Group": {name: _fields(group) for name, group in catalog.groups.items()},
         "Image": {name: _fields(image) for name, image in catalog.images.items()},
-        "Network": {name: _object(one) for name, one in catalog.networks.items()},
-        "Volume": {name: _object(one) for name, one in catalog.volumes.items()},
+        "Network": {name: _network_or_volume(network) for name, network in catalog.networks.items()},
+        "Volume": {name: _network_or_volume(volume) for name, volume in catalog.volumes.items()},
         "Request": {request.id: _fields(request) for request in catalog.requests},
         "Policy": {"": _fields(catalog.policy)},
     }
 
 
 def _service(desired: Desired, name: str) -> dict[str, Any]:
-    """With the options of its container, and the contents of what it mounts from the tree."""
+    """Return the fields of a service, including container options and the content it mounts from the tree."""
     service = desired.catalog.services[name]
-    found = {CONTENT: dict(desired.contents.get(name, {})), PARAMETERS: dict(service.ros.values) if service.ros else {}}
-    return {**_fields(service), **_plain(declared_fields(service.spec or {}, service.secrets)), **found}
+    extra = {CONTENT: dict(desired.contents.get(name, {})), PARAMETERS: dict(service.ros.values) if service.ros else {}}
+    return {**_fields(service), **_plain(declared_fields(service.spec or {}, service.secrets)), **extra}
 
 
-def _object(one: EngineObject) -> dict[str, Any]:
-    """A network or volume, with its options."""
-    return {"name": one.called, "external": one.external, **declared_options(one)}
+def _network_or_volume(declared: EngineObject) -> dict[str, Any]:
+    """Return the fields of a network or volume."""
+    return {"name": declared.called, "external": declared.external, **declared_options(declared)}
 
 
-def _fields(thing: Any) -> dict[str, Any]:
-    found: dict[str, Any] = _plain({k: v for k, v in asdict(thing).items() if k not in UNTOLD})
-    return found
+def _fields(resource: Any) -> dict[str, Any]:
+    plain: dict[str, Any] = _plain({k: v for k, v in asdict(resource).items() if k not in UNTOLD})
+    return plain
 
 
 def _plain(value: Any) -> Any:
