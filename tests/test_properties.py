@@ -363,8 +363,8 @@ class Reader(SimRobot):
         self.read = replace(found, observed=replace(found.observed, looked=self.looked))
         return self.read
 
-    def _until_asked_again(self) -> float:
-        seconds = super()._until_asked_again()
+    def _seconds_to_next_probe(self) -> float:
+        seconds = super()._seconds_to_next_probe()
         return seconds if seconds <= OFTEN else max(seconds, self.patience)
 
 
