@@ -12,7 +12,7 @@ from rorg.engines.docker.engine import DockerEngine
 from rorg.images.build import build
 from rorg.images.docker import DockerBuilder
 from rorg.images.order import Order, Result
-from rorg.images.orders import orders_for
+from rorg.images.supply import orders_for
 from rorg.manifest.dockerfile import read
 from rorg.model.catalog import Catalog, Image
 from rorg.model.image_names import with_identity

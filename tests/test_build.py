@@ -20,12 +20,11 @@ from image_trees import Heard, Place, images, orders_of
 
 from rorg.errors import Invalid
 from rorg.images import buildkit
-from rorg.images.build import build
+from rorg.images.build import build, build_log
 from rorg.images.context import context_files
-from rorg.images.logs import build_log
 from rorg.images.order import Order
-from rorg.images.orders import externals
 from rorg.images.process import ProcessBuilder
+from rorg.images.supply import externals
 
 TAG = "0123456789ab"
 """Of the references that the tests build."""
@@ -104,7 +103,7 @@ def test_mounts_of_other_images_need_buildkit(dockerd, place, tmp_path):
     assert files_of(place, f"taker:{TAG}")["found"][1] == b"of the mount\n"
     classic = Place(dockerd.host, False, tmp_path / "classic")
     refused = classic.build(orders_of(catalog, {BASE_IMAGE, f"given:{TAG}"}, names=["taker"]))["taker"]
-    assert (refused.outcome, refused.message) == ("failed", "Dockerfile needs BuildKit, which is not here")
+    assert (refused.outcome, refused.message) == ("failed", "Dockerfile needs BuildKit, which is missing")
 
 
 def files_of(place: Place, reference: str) -> dict[str, tuple[tarfile.TarInfo, bytes]]:

@@ -260,10 +260,10 @@ def test_drift_is_told_in_one_line_and_goes_with_fresh(robot, workspace):
 
     assert enter() == ""
     api.tag(TOOLS, "rorg-moving")
-    image = "rorg-moving is another image than its own"
+    image = "rorg-moving has changed since"
     assert enter() == f"arm-dev: {image}; `rorg dev arm --fresh` renews it\n"
     robot.declare({**SERVICES, "arm": {**ARM, "image": "rorg-moving", "container": {}}})
-    manifests = "the manifests say otherwise than when it was made"
+    manifests = "the manifests have changed since"
     assert enter() == f"arm-dev: {image}; {manifests}; `rorg dev arm --fresh` renews it\n"
     assert enter("--fresh") == ""
     assert enter() == ""
@@ -277,7 +277,7 @@ def test_what_an_image_that_moved_or_is_not_there_means():
     found = DevContainer("1", "arm-dev", "running", "arm", declared_digest(spec), "sha256:1", "/ws", "1:1", ("gpu",))
     assert drift(found, spec, "sha256:1", "/ws/src", ("gpu",)) == []
     assert drift(found, {**spec, "image": "tool:2"}, "sha256:1", "/ws", ()) == [], "the same image by another name"
-    assert drift(found, spec, "", "/ws", ("x11",)) == ["no image tool is here", "it was made without x11"]
+    assert drift(found, spec, "", "/ws", ("x11",)) == ["image tool is not on this machine", "it was made without x11"]
     assert drift(found, spec, "sha256:1", "/wss", ()) == ["its workspace is /ws"]
 
 

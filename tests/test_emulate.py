@@ -140,7 +140,7 @@ def test_what_is_interrupted_leaves_nothing_but_what_is_saved(tmp_path, files, n
     [
         (["--compress", "24"], "it takes 1 s when it is compressed, and 2 s are the least; try a smaller --compress"),
         (["--save", "nowhere/x.json"], "cannot write nowhere/x.json: No such file or directory"),
-        (["--plot", "x.pdf"], "cannot draw x.pdf: '.pdf' is no format of pictures; try .png or .svg"),
+        (["--plot", "x.pdf"], "cannot draw x.pdf: '.pdf' is not a supported format; try .png or .svg"),
         (["--engine", "swarm"], "swarm"),
         (["-o", "yml"], "--output cannot be 'yml'"),
     ],

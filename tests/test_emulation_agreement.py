@@ -8,7 +8,7 @@ from robots import write_tree
 from rorg.manifest.load import load_or_raise
 from rorg.model.trace import Trace, TraceEvent
 from rorg.model.workload import Distribution
-from rorg.sim.agreement import agreement, calibrated, replayed, simulated
+from rorg.sim.emulation import agreement, calibrated, replayed, simulated
 from rorg.sim.player import EmulatedRun
 from rorg.sim.results import RunResult, Sample
 

@@ -11,8 +11,7 @@ import yaml
 from commands import rorg
 from conftest import ROOT
 
-from rorg.compose.writer import project
-from rorg.compose.writer_dotenv import dotenv
+from rorg.compose.writer import dotenv, project
 from rorg.compose.writer_images import CARRIED, DERIVED
 from rorg.compose.writer_notes import ELSEWHERE, SERVICE
 from rorg.compose.writer_options import OPTIONS, beside

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from rorg.errors import Invalid
 from rorg.manifest.load import load_or_raise
 from rorg.manifest.traces import read_trace
-from rorg.sim import tour_guide
+from rorg.sim import generate
 from rorg.sim.generate import generate_day
 
 CYCLE = yaml.safe_load((ROOT / "tests/cases/tour_cycle.yaml").read_text())
@@ -29,9 +29,9 @@ FOLLOWS = {
 
 def test_states_request_what_the_work_cycle_says():
     of_actions = {a["name"]: set(a["requests"]) for a in CYCLE["actions"] if a["who"] == "behavioral"}
-    assert {s: set(tour_guide.STATES[s]) for s in of_actions} == of_actions
-    assert set(tour_guide.STATES) - set(of_actions) == {"start", "charging"}
-    assert {n for services in tour_guide.STATES.values() for n in services} <= set(
+    assert {s: set(generate.STATES[s]) for s in of_actions} == of_actions
+    assert set(generate.STATES) - set(of_actions) == {"start", "charging"}
+    assert {n for services in generate.STATES.values() for n in services} <= set(
         load_or_raise(ROOT / "manifests").services
     )
 
@@ -62,7 +62,7 @@ def test_the_battery_is_charged_when_it_is_low_and_the_rest_of_the_day_goes_on()
     assert any(since > charges[0][1] and state == "chat" for since, _, _, state in states)
 
 
-@pytest.mark.parametrize(("greetings", "tours", "why"), [(300, 3, "they take"), (2, 3, "begins with a greeting")])
+@pytest.mark.parametrize(("greetings", "tours", "why"), [(300, 3, "they take"), (2, 3, "starts with a greeting")])
 def test_what_no_day_can_hold_is_refused(greetings, tours, why):
     with pytest.raises(Invalid, match=why):
         generate_day(3600, greetings, tours, 1)

@@ -13,7 +13,7 @@ from robots import write_tree
 
 from rorg.errors import Invalid
 from rorg.images.archive import RECORDS, read_records
-from rorg.images.keeping import ours
+from rorg.images.disk_usage import own_images
 from rorg.images.order import LABEL_BUILDER, LABEL_IMAGE
 from rorg.images.records import Built, Records
 
@@ -118,7 +118,7 @@ def test_what_is_no_archive_is_told(tmp_path):
     path = tmp_path / "robot.tar"
     for content in (b"", b"x" * 2000):
         path.write_bytes(content)
-        with path.open("rb") as file, pytest.raises(Invalid, match="no archive of images"):
+        with path.open("rb") as file, pytest.raises(Invalid, match="not an archive of images"):
             read_records(file, "robot.tar")
 
 
@@ -130,7 +130,7 @@ def test_only_images_that_this_robot_built_are_looked_at():
         {"Id": "3", "RepoTags": ["debian:12"], "Labels": None, "Size": 1, "SharedSize": -1},
         {"Id": "4", "RepoTags": None, "Labels": labels, "Size": 10, "SharedSize": 4, "Containers": 2},
     ]
-    found = {i.id: i for i in ours(rows, "me", {"eye:3"}, [["eye:3"], ["eye:2"]], 5)}
+    found = {i.id: i for i in own_images(rows, "me", {"eye:3"}, [["eye:3"], ["eye:2"]], 5)}
     assert set(found) == {"1", "4"}
     assert (found["1"].reasons, found["1"].freed) == ((), 6)
     assert (found["4"].reasons, found["4"].freed) == (("2 containers",), 0)

@@ -18,9 +18,9 @@ from image_trees import Heard
 from robots import RealRobot, write_tree
 
 from rorg.errors import EngineError
-from rorg.images.make import make_supplier
 from rorg.images.order import LABEL_IMAGE
 from rorg.images.references import references_for
+from rorg.images.supply import Supplier
 from rorg.manifest.load import load_or_raise
 from rorg.model.units import stamp
 
@@ -194,7 +194,7 @@ def test_what_is_changed_while_it_is_built_is_no_image_of_what_it_was(dockerd, t
         def began(self, order) -> None:
             (context / "version.txt").write_text("2\n")
 
-    supplier = make_supplier(robot.engine, robot.state, "test", jobs=1)
+    supplier = Supplier(robot.engine, robot.state, "test", jobs=1)
     references, catalog = references_for("docker", robot.state.path), load_or_raise(robot.tree)
     first = references.of(catalog)
     (result,) = [r for r in supplier.supply(catalog, first, ["hasty"], Hasty()) if r.reference != BASE_IMAGE]

@@ -135,8 +135,8 @@ def test_a_project_becomes_services_that_say_the_same(tmp_path):
     assert spec(found, "data", "Volume") == {"name": "bot_data"}
     assert spec(found, "compose", "Request")["services"] == ["nav", "db", "migrate"]
     assert told(found) == [
-        "7:19: note: ROS_DOMAIN_ID was taken from the environment: its value of now stands in nav",
-        "24:5: note: restart: on-failure:3: rorg restarts with growing delays, without an end",
+        "7:19: note: ROS_DOMAIN_ID was taken from the environment: its current value is now fixed in nav",
+        "24:5: note: restart: on-failure:3: rorg restarts without limit, with growing delays",
     ]
     assert "# From compose.yaml:3:3, service nav." in found.texts["services/nav.yaml"]
     assert not load(write(found, tmp_path / "manifests")).errors
@@ -227,7 +227,7 @@ def test_networks_and_volumes_keep_the_names_that_compose_gives_them(tmp_path):
     assert spec(found, "site", "Network") == {"external": True}
     assert spec(found, "bot_m", "Volume") == {"labels": {"a": "b"}}
     assert spec(found, "maps", "Volume") == {"name": "site-maps", "external": True}
-    assert told(found) == ["10:3: note: no service is in the network spare: there is no manifest of it"]
+    assert told(found) == ["10:3: note: no service is in the network spare, so it gets no manifest"]
 
 
 def test_what_is_built_is_an_image_each_once(tmp_path):
@@ -276,7 +276,9 @@ def test_a_task_that_others_wait_for_is_not_restarted_when_it_has_ended_well(tmp
         "  task: {image: b, restart: always}\n",
     )
     assert spec(found, "task")["restart"] == "on-failure"
-    assert told(found) == ["4:20: warning: others wait until task has ended, so it is restarted only where that fails"]
+    assert told(found) == [
+        "4:20: warning: some services wait until task has ended, so it is restarted only if it fails"
+    ]
     tree = write(found, tmp_path / "manifests")
     assert not load(tree).errors
     path = tree / "services/task.yaml"
@@ -312,8 +314,8 @@ def test_everything_that_cannot_be_is_told_at_once_and_nothing_is_written(tmp_pa
         "4:5": "external_links cannot be carried over",
         "5:25": "build.ssh cannot be carried over",
         "6:5": "post_start cannot be carried over",
-        "7:3": "'developer' is a person's name in rorg",
-        "8:3": "a service of rorg cannot be called '_x'",
+        "7:3": "'developer' names a person in rorg",
+        "8:3": "'_x' is not a valid name of a service in rorg",
     }.items():
         assert f"compose.yaml:{place}: error: {what}" in done.stderr
     assert not (tmp_path / "manifests").exists()

@@ -86,7 +86,7 @@ def test_a_unit_is_a_service_that_says_the_same(tmp_path):
     told = [str(d) for d in imported.diagnostics]
     assert told == [
         "nav.service:4:1: note: network-online.target: not imported, so not in needs",
-        "nav.service:14:1: note: RestartSec is not carried over; try leaving it out: delays grow by themselves",
+        "nav.service:14:1: note: RestartSec is not carried over; try leaving it out: delays grow automatically",
         "nav.service:23:1: note: WatchdogSec is not carried over; try a `live` probe",
     ]
     assert "# WatchdogSec is not carried over" in imported.texts["services/nav.yaml"]
@@ -109,7 +109,7 @@ def test_what_a_unit_cannot_be_carried_over_for(text, message, tmp_path):
 
 def test_a_socket_is_no_service(tmp_path):
     imported = from_systemd({Path("x.socket"): "[Socket]\nListenStream=80\n"}, "", tmp_path)
-    assert "x.socket is no service" in str(imported.errors[0])
+    assert "x.socket is neither a service nor a target" in str(imported.errors[0])
 
 
 LAUNCH = """\

@@ -363,8 +363,8 @@ class Reader(SimRobot):
         self.read = replace(found, observed=replace(found.observed, looked=self.looked))
         return self.read
 
-    def _until_asked_again(self) -> float:
-        seconds = super()._until_asked_again()
+    def _seconds_to_next_probe(self) -> float:
+        seconds = super()._seconds_to_next_probe()
         return seconds if seconds <= OFTEN else max(seconds, self.patience)
 
 
@@ -490,7 +490,8 @@ def no_way_back(robot: SimRobot, bad: set[str]) -> None:
         old = [c for c in known if c.digest not in robot.faults.bad]
         waits = {w.service for w in robot.decision.plan.waitings}
         assert not old or name in waits, f"{name}: nobody is told"
-        assert len(known) <= 1 or robot.memory.of(name).update.held, f"{name} keeps {known}"
+        untried = not any(c.started_at for c in known if c not in old) and name in waits
+        assert len(known) <= 1 or untried or robot.memory.of(name).update.held, f"{name} keeps {known}"
 
 
 def closure_of(catalog: Catalog, names: set[str]) -> set[str]:

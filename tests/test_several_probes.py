@@ -135,7 +135,7 @@ def test_compose_is_told_what_it_does_not_wait_for(tmp_path):
     service = of(tmp_path, ready={"all": [{"engine": "healthy"}, {"tcp": 9090}]})
     assert condition(service.ready) == "service_healthy"
     said = dict(SERVICE)["ready"](service)
-    assert said == "tcp 127.0.0.1:9090; Compose waits for the healthcheck alone"
+    assert said == "tcp 127.0.0.1:9090; Compose waits only for the healthcheck"
 
 
 def test_a_virtual_robot_waits_for_parts_as_for_one(tmp_path):

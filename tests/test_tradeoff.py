@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from rorg.model.catalog import Catalog
+from rorg.sim.plots import draw_sweep
 from rorg.sim.results import Response, RunResult, Sample, Violation
-from rorg.sim.sweep_plot import draw_sweep
 from rorg.sim.tradeoff import tried
 from rorg.sim.variants import Variant
 

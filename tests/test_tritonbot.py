@@ -17,9 +17,9 @@ from test_ros import NODES
 
 from rorg.engines.docker.engine import DockerEngine
 from rorg.images.graph import descendants, hierarchy
-from rorg.images.make import make_supplier
 from rorg.images.order import LABEL_BUILDER
 from rorg.images.references import references_for
+from rorg.images.supply import Supplier
 from rorg.manifest.load import load_or_raise
 from rorg.model.graph import stands_on
 from rorg.store.state_dir import StateDir
@@ -39,7 +39,7 @@ def images(dockerd, tmp_path_factory):
     catalog, engine = load_or_raise(ROOT / "manifests"), DockerEngine("test", dockerd.host)
     state = StateDir(tmp_path_factory.mktemp("images")).prepare()
     heard, content = Heard(), references_for("docker", state.path).of(catalog)
-    supplier = make_supplier(engine, state, "test", jobs=2)
+    supplier = Supplier(engine, state, "test", jobs=2)
     results = supplier.supply(catalog, content, sorted(catalog.images), heard)
     assert {r.outcome for r in results} <= {"built", "imported", "present"}, results
     assert len(results) == 45
@@ -283,7 +283,7 @@ def test_the_hierarchy_of_images_is_built_in_order_once_and_again_where_it_chang
     dockerfile = copy / "images/standin/Dockerfile"
     dockerfile.write_text(dockerfile.read_text() + f"LABEL salt={tmp_path.name}\n")
     engine, state = DockerEngine("hierarchy", dockerd.host), StateDir(tmp_path / "state").prepare()
-    supplier, references = make_supplier(engine, state, "hierarchy", jobs=2), references_for("docker", state.path)
+    supplier, references = Supplier(engine, state, "hierarchy", jobs=2), references_for("docker", state.path)
 
     def build() -> list[str]:
         catalog = load_or_raise(copy / "manifests")

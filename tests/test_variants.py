@@ -80,9 +80,9 @@ def test_a_longer_linger_costs_cpu_and_spares_waiting(tree):
     ("text", "why"),
     [
         ("lingr=2s", "lingr"),
-        ("nosuch", "no setting"),
+        ("nosuch", "neither a file nor a setting"),
         ("linger=2s,linger=3s", "twice"),
-        ("linger=2s,speed=3", "'speed=3' is no setting"),
+        ("linger=2s,speed=3", "'speed=3' is not a setting"),
         ("linger=soon", "not a duration"),
         ("idle=sleep", "'pause', 'stop' or 'remove'"),
     ],
@@ -97,16 +97,16 @@ def test_a_file_that_is_no_policy_is_refused(tree, tmp_path):
     (tmp_path / "bad.yaml").write_text(POLICY.replace("7s", "soon"))
     with pytest.raises(Invalid, match=r"bad.yaml:4:\d+"):
         variant(str(tmp_path / "bad.yaml"), tree)
-    with pytest.raises(Invalid, match="no Policy"):
+    with pytest.raises(Invalid, match="not a Policy"):
         variant(str(tree.root / "services/arm.yaml"), tree)
 
 
 @pytest.mark.parametrize(
     ("texts", "why"),
     [
-        (["linger"], "no list of values"),
-        (["linger=1s,"], "no list of values"),
-        (["speed=1,2"], "no list of values"),
+        (["linger"], "not a list of values"),
+        (["linger=1s,"], "not a list of values"),
+        (["speed=1,2"], "not a list of values"),
         (["linger=1s", "linger=2s"], "twice"),
         (["linger=" + ",".join(f"{i}s" for i in range(101))], "101 variants"),
     ],

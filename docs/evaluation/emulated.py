@@ -1,5 +1,5 @@
-"""What emulation.json says, as tables and a plot of docs/evaluation.md. The file is written by `rorg emulate --save`,
-which takes an hour; nothing here measures."""
+"""Turns emulation.json into tables and a plot for docs/evaluation.md. `rorg emulate --save` writes that file in an
+hour; nothing here measures."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ GB = 1e9
 
 
 def reduction_row() -> str:
-    """A line of the table beside the paper's figures."""
+    """The row of our emulation, for the table with the paper's figures."""
     cells = (f"-{100 * one['mean']:.1f} % (± {100 * one['deviation']:.1f})" for one in _reductions())
     return f"| ours: emulation of {MEASURED['trace']}.yaml | {' | '.join(cells)} |"
 
@@ -29,7 +29,7 @@ def _reductions() -> list[Mapping[str, float]]:
 
 
 def reductions_table() -> str:
-    """Over the pairs."""
+    """Reductions over all pairs."""
     lines = ["| saved, by pair | CPU | memory |", "|---|---|---|"]
     for name, key in (("mean", "mean"), ("least", "least"), ("most", "most"), ("standard deviation", "deviation")):
         lines.append(f"| {name} | " + " | ".join(f"{100 * one[key]:.1f} %" for one in _reductions()) + " |")
@@ -39,13 +39,13 @@ def reductions_table() -> str:
 
 
 def _simulated(what: str) -> float:
-    """By which part less is used with rorg where the same pairs are simulated."""
+    """The mean reduction when the same pairs are simulated."""
     runs = [run["simulated"][what] for run in MEASURED["runs"]]
     return mean(1 - rorg / base for base, rorg in zip(runs[::2], runs[1::2], strict=True))
 
 
 def runs_table() -> str:
-    """Of each run: what services use, what that is of the whole robot, what the simulator says, what rorg takes."""
+    """For each run: use by services, the same scaled back to the whole robot, simulated use, and use by rorg."""
     lines = [
         "| pair | run | cores | scaled back | simulated | memory | simulated | rorg itself | load average |",
         "|---|---|---|---|---|---|---|---|---|",
@@ -62,7 +62,7 @@ def runs_table() -> str:
 
 
 def agreement_table() -> str:
-    """Of the runs with rorg; where everything is on there is nothing to agree on."""
+    """Agreement of simulation and emulation in the runs with rorg."""
     lines = [
         "| pair | durations | moments | services at moments | whole sets |",
         "|---|---|---|---|---|",
@@ -76,7 +76,7 @@ def agreement_table() -> str:
 
 
 def responses_table() -> str:
-    """Of the last run with rorg, in seconds that were not compressed."""
+    """Response times of the last run with rorg, in real (not compressed) seconds."""
     lines = ["| state | requests | ready | median | longest |", "|---|---|---|---|---|"]
     last = [run for run in MEASURED["runs"] if run["name"] == "rorg"][-1]
     for state, one in last["responses"].items():
@@ -87,12 +87,12 @@ def responses_table() -> str:
 
 
 def table() -> str:
-    """All of them."""
+    """All tables of the emulation."""
     return "\n\n".join([reductions_table(), runs_table(), agreement_table(), responses_table()])
 
 
 def first_pair() -> list[RunResult]:
-    """Its use of the machine, scaled back to the whole robot."""
+    """The first pair of runs, scaled back to the whole robot."""
     cpu, memory = MEASURED["scale"]["cpu"], MEASURED["scale"]["memory"]
     found = []
     for run in MEASURED["runs"][:2]:
@@ -103,7 +103,7 @@ def first_pair() -> list[RunResult]:
 
 
 def plot() -> None:
-    """Of the first pair."""
+    """Draws the first pair."""
     trace = read_trace(HERE / f"{MEASURED['trace']}.yaml").compressed(MEASURED["compress"])
     note = "measured on Docker with stand-ins for programs, scaled back to the whole robot; synthetic weights and trace"
     draw(first_pair(), trace, HERE / "emulation.svg", note)

@@ -1,4 +1,4 @@
-"""Computes the evaluation anew: figures.json, the plots, and the tables of docs/evaluation.md. A minute of one core.
+"""Recomputes the evaluation: figures.json, the plots, and the tables of docs/evaluation.md. Takes a minute of one core.
 
 `python docs/evaluation/evaluate.py`, or `make evaluation`.
 """
@@ -34,7 +34,7 @@ BEGIN, END = "<!-- begin: evaluate.py {} -->", "<!-- end: evaluate.py {} -->"
 SEEDS = (1, 2, 3, 4, 5)
 TRACES = ("day", "hour")
 AT_REST = ("start", "charging")
-"""States in which the robot does nothing: the paper counts active time only."""
+"""States in which the robot does nothing: the paper counts only active time."""
 REWEIGHTED = 20
 FACTORS = (0.5, 2.0)
 LINGERS = (0.0, 2.0, 10.0, 60.0)
@@ -60,25 +60,25 @@ def weights() -> Workload:
 
 
 def both(catalog: Catalog, asked: Trace, workload: Workload, seed: int) -> tuple[RunResult, RunResult]:
-    """With everything on, and with time-sharing."""
+    """Returns two runs: with everything on, and with time-sharing."""
     base = simulate(catalog, asked, workload, seed, name="all-on", all_on=True)
     return base, simulate(catalog, asked, workload, seed)
 
 
 def active_time(result: RunResult, asked: Trace) -> tuple[float, float]:
-    """Mean cores and bytes while the robot does something."""
+    """Mean cores and bytes while the robot is active."""
     spans = [(a, b) for a, b, _, state in asked.states() if state not in AT_REST]
     kept = [s for s in result.samples if any(a < s.at <= b for a, b in spans)]
     return mean(s.cpu for s in kept), mean(s.memory for s in kept)
 
 
 def less(rorg: float, base: float) -> float:
-    """Percent that rorg takes less."""
+    """Reduction by rorg, in percent."""
     return 100 * (1 - rorg / base)
 
 
 def reductions(base: RunResult, rorg: RunResult, asked: Trace) -> dict[str, float]:
-    """Percent, over active time and over all of it."""
+    """Reductions in percent, over active time and over the whole time."""
     before, now = active_time(base, asked), active_time(rorg, asked)
     return {
         "cpu": less(now[0], before[0]),
@@ -89,12 +89,12 @@ def reductions(base: RunResult, rorg: RunResult, asked: Trace) -> dict[str, floa
 
 
 def of_one_seed(catalog: Catalog, asked: Trace, workload: Workload, seed: int) -> dict[str, float]:
-    """What one pair of runs comes to: percent, cores, GB and seconds."""
+    """The figures of one pair of runs: percent, cores, GB and seconds."""
     return row_of(*both(catalog, asked, workload, seed), asked)
 
 
 def row_of(base: RunResult, rorg: RunResult, asked: Trace) -> dict[str, float]:
-    """The same of runs that are there."""
+    """The same from two finished runs."""
     before, now = active_time(base, asked), active_time(rorg, asked)
     times = sorted(r.seconds for r in rorg.responses if r.seconds is not None)
     return {
@@ -111,7 +111,7 @@ def row_of(base: RunResult, rorg: RunResult, asked: Trace) -> dict[str, float]:
 
 
 def spread(rows: Iterable[Mapping[str, float]]) -> dict[str, dict[str, float]]:
-    """Of each figure: mean, standard deviation, least and most."""
+    """Mean, standard deviation, minimum and maximum of each figure."""
     columns: dict[str, list[float]] = {}
     for row in rows:
         for name, value in row.items():
@@ -127,7 +127,7 @@ def spread(rows: Iterable[Mapping[str, float]]) -> dict[str, dict[str, float]]:
     }
 
 
-# -- how much the result depends on what ---------------------------------------------------------------------------
+# -- sensitivity -------------------------------------------------------------------------------------------------------
 
 
 def scaled(one: Distribution | None, factor: float) -> Distribution | None:
@@ -135,7 +135,7 @@ def scaled(one: Distribution | None, factor: float) -> Distribution | None:
 
 
 def reweighted(catalog: Catalog, workload: Workload, factors: Mapping[str, tuple[float, float]]) -> Workload:
-    """With the CPU and the memory of each service times its factors."""
+    """The workload with CPU and memory of each service multiplied by its factors."""
     services = dict(workload.services)
     for name, (cpu, memory) in factors.items():
         one = workload.of(name)
@@ -149,7 +149,7 @@ def reweighted(catalog: Catalog, workload: Workload, factors: Mapping[str, tuple
 
 
 def of_classes(catalog: Catalog, asked: Trace, workload: Workload) -> dict[str, Any]:
-    """Each class of programs takes half of what it does, and twice that."""
+    """Reductions if one class of programs uses half, or twice, as much."""
     found = {}
     for kind, one in CLASSES.items():
         for factor in FACTORS:
@@ -159,7 +159,7 @@ def of_classes(catalog: Catalog, asked: Trace, workload: Workload) -> dict[str, 
 
 
 def idle_parts(catalog: Catalog, asked: Trace, workload: Workload) -> dict[str, Any]:
-    """What nobody uses takes this part of its CPU, whatever its class."""
+    """Reductions if every unused program takes this part of its CPU, regardless of its class."""
     found = {}
     for part in (0.0, 0.1, 0.5, 1.0):
         services: dict[str, Behaviour] = {
@@ -171,11 +171,11 @@ def idle_parts(catalog: Catalog, asked: Trace, workload: Workload) -> dict[str, 
 
 
 def at_random(catalog: Catalog, asked: Trace, workload: Workload) -> dict[str, Any]:
-    """Weights drawn anew: any division of the same totals is as likely as any other."""
+    """Reductions with random weights: every division of the same totals is equally likely."""
     names = sorted(n for n, s in catalog.services.items() if not s.meta and n != "cartographer")
     totals = sum(catalog.services[n].cpu for n in names), sum(catalog.services[n].memory for n in names)
     rng, rows = random.Random("reweighting"), []
-    # A service that takes nothing has no part in it: it stays so.
+    # A service that takes no CPU stays at zero.
     own = [n for n in names if catalog.services[n].cpu]
     for _ in range(REWEIGHTED):
         cpus, memories = ([rng.expovariate(1.0) for _ in those] for those in (own, names))
@@ -189,7 +189,7 @@ def at_random(catalog: Catalog, asked: Trace, workload: Workload) -> dict[str, A
 
 
 def idling(catalog: Catalog, said: Mapping[str, Any]) -> Catalog:
-    """With another idle policy of everything that is not always on."""
+    """The catalog with another idle policy for everything that is not always on."""
     services = {
         n: s if s.meta or s.always_on else replace(s, idle=replace(s.idle, **said)) for n, s in catalog.services.items()
     }
@@ -197,7 +197,7 @@ def idling(catalog: Catalog, said: Mapping[str, Any]) -> Catalog:
 
 
 def of_policies(catalog: Catalog, asked: Trace, workload: Workload) -> dict[str, Any]:
-    """Idle actions and lingering; with how long requests take, which is their price."""
+    """Reductions with different idle actions and lingering, and how long requests then take."""
     own: dict[str, dict[str, Any]] = {f"all {action}": {"action": action} for action in ACTIONS}
     own |= {f"linger {linger:g} s": {"linger": linger} for linger in LINGERS}
     policies = {name: idling(catalog, said) for name, said in own.items()}
@@ -212,7 +212,7 @@ def of_policies(catalog: Catalog, asked: Trace, workload: Workload) -> dict[str,
 
 
 def figures() -> dict[str, Any]:
-    """All of them."""
+    """All figures of the evaluation."""
     catalog, workload, hour = robot(), weights(), trace("hour")
     found: dict[str, Any] = {"synthetic": True, "seeds": list(SEEDS)}
     for name in TRACES:
@@ -236,7 +236,7 @@ def rounded(value: Any) -> Any:
 
 
 def plots() -> None:
-    """Of one seed."""
+    """Draws the plots, from one seed."""
     catalog, workload = robot(), weights()
     for name in TRACES:
         asked = trace(name)
@@ -278,7 +278,7 @@ def use_table(found: Mapping[str, Any]) -> str:
 
 def sensitivity_table(found: Mapping[str, Any]) -> str:
     told = found["sensitivity"]
-    lines = ["| what is otherwise | CPU | memory |", "|---|---|---|"]
+    lines = ["| variation | CPU | memory |", "|---|---|---|"]
     for group in ("classes", "idle use"):
         lines += [f"| {name} | -{row['cpu']:.1f} % | -{row['memory']:.1f} % |" for name, row in told[group].items()]
     cpu, memory = ((told["random"][k]["mean"], told["random"][k]["deviation"]) for k in ("cpu", "memory"))
@@ -316,7 +316,7 @@ TABLES: Mapping[str, Callable[[Mapping[str, Any]], str]] = {
 
 
 def page(text: str, found: Mapping[str, Any]) -> str:
-    """The page with its tables as these figures say."""
+    """The text of the page with tables from these figures."""
     for name, table in TABLES.items():
         begin, end = BEGIN.format(name), END.format(name)
         before, _, rest = text.partition(begin)

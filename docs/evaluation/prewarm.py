@@ -1,6 +1,6 @@
-"""Evaluates prewarming on days that it was not learnt from: writes prewarm.json, and the table of prewarm.md.
+"""Evaluates prewarming on days that it has not learned from: writes prewarm.json, and the table in prewarm.md.
 
-`prewarm.py [--check]`; with --check it only says whether the table is that of the figures."""
+`prewarm.py [--check]`; with --check it only checks that the table matches the figures."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ def workload() -> Workload:
 
 
 def evaluate(traces: Mapping[str, Iterable[Trace]], settings: Iterable[str] = SETTINGS) -> list[dict[str, Any]]:
-    """A row for each setting: what the traces cost with it, and how long greetings and tours take to begin. `traces`:
-    name -> those that are counted together."""
+    """One row per setting: cost of the traces, and how long greetings and tours take to begin. `traces`: name -> traces
+    that are counted together."""
     known, use = learn(day(LEARNT).events), workload()
     tree = Tree(MANIFESTS, load_or_raise(MANIFESTS))
     rows = []
@@ -57,7 +57,7 @@ def evaluate(traces: Mapping[str, Iterable[Trace]], settings: Iterable[str] = SE
 
 
 def tried(setting: str, tree: Tree) -> Catalog:
-    """A Policy is for all but drivers; with "drivers too" each of those says the same itself."""
+    """The manifests with this setting. A Policy excludes drivers; with "drivers too" each driver gets it too."""
     value, drivers, _ = setting.partition(", drivers too")
     catalog = sweep([f"prewarm={value}"], tree)[0].catalog
     moving = {n: s for n, s in catalog.services.items() if drivers and s.driver and not s.always_on}
@@ -66,7 +66,7 @@ def tried(setting: str, tree: Tree) -> Catalog:
 
 
 def figures(runs: list[RunResult]) -> dict[str, Any]:
-    """Means over runs; responses are those of all of them, in seconds."""
+    """Means over runs; response times of all runs together, in seconds."""
     found: dict[str, Any] = {
         "cpu": round(mean(r.cpu for r in runs), 4),
         "memory": round(mean(r.memory for r in runs) / (1 << 20), 1),
@@ -87,7 +87,7 @@ def figures(runs: list[RunResult]) -> dict[str, Any]:
 
 
 def table(rows: list[dict[str, Any]]) -> str:
-    """The table of the page."""
+    """The table for the page."""
     lines = []
     for name, title in (("days", "Four days of 4 h, seeds 2 to 5"), ("hour", "The hour")):
         lines += [f"{title}:", "", HEAD, "|---|---|---|---|---|---|"]
@@ -106,7 +106,7 @@ def table(rows: list[dict[str, Any]]) -> str:
 
 
 def written(page: str, rows: list[dict[str, Any]]) -> str:
-    """The page with this table."""
+    """The text of the page with this table."""
     before, _, rest = page.partition(BEGIN)
     return f"{before}{BEGIN}\n\n{table(rows)}\n{END}{rest.partition(END)[2]}"
 

@@ -1,14 +1,14 @@
-"""Writes workload.yaml: the weights of the evaluation, by a rule that looks at no result.
+"""Writes workload.yaml: the weights of the evaluation, by a rule that does not look at results.
 
-1. While it is in use a service takes what its manifest says (`resources`). Their sum over all that can run together is
-   3.58 cores and 3.41 GB: the all-on totals that the Rorg paper gives of its robot. How a total is divided among the
-   services is an assumption of ours; no figure of a single service was published.
-2. What it takes of the CPU while it runs and nobody uses it follows from the class of its program alone:
-   what works at the rate of a sensor or a clock works on (all of it), what waits for work idles (a tenth).
-3. Memory is not given back by a program that idles, nor by one that is paused.
-4. How long it takes to start follows from its class too. CPU varies by a tenth from run to run, times by a fifth.
+1. In use, a service takes what its manifest says (`resources`). The sum over all services that can run together is
+   3.58 cores and 3.41 GB: the all-on totals that the Rorg paper gives for its robot. The division among the services is
+   our assumption; the paper publishes no figure of a single service.
+2. The CPU of a running service that nobody uses depends only on the class of its program: a program that works at the
+   rate of a sensor or a clock continues (all of it), a program that waits for work idles (a tenth).
+3. An idle program, or a paused one, gives back no memory.
+4. The start time depends on the class, too. CPU varies by a tenth from run to run, times by a fifth.
 
-`python docs/evaluation/weights.py` writes the file anew.
+`python docs/evaluation/weights.py` writes the file again.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ SPREAD_OF_CPU, SPREAD_OF_TIMES = 0.1, 0.2
 
 @dataclass(frozen=True)
 class Class:
-    """Of programs. `idle`: the part of its CPU that one takes which nobody uses; `start`: seconds."""
+    """A class of programs. `idle`: the part of its CPU that an unused program takes; `start`: seconds."""
 
     about: str
     idle: float
@@ -75,11 +75,11 @@ CLASSES = {
     "ui": Class("is looked at by people", 0.1, 1.0, ("portainer", "ros_trigger_ui")),
     "infrastructure": Class("holds the others together", 1.0, 1.0, ("roscore", "cogrob_robot_state_provider")),
 }
-"""Every service is in one of them."""
+"""Every service is in one class."""
 
 
 def text() -> str:
-    """The file."""
+    """The text of workload.yaml."""
     services = load_or_raise(ROOT / "manifests").services
     classes = {name: kind for kind, one in CLASSES.items() for name in one.services}
     assert sorted(classes) == sorted(n for n, s in services.items() if not s.meta), "each service has one class"

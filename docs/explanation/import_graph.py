@@ -1,6 +1,6 @@
-"""Draws the rooms of rorg and who imports whom into architecture.md: `import_graph.py [--check]`.
+"""Draws the imports between the rooms of rorg into architecture.md: `import_graph.py [--check]`.
 
-`read_imports` is the one reader of imports; tests/test_layers.py holds the rooms to their rules with it.
+`read_imports` is the only reader of imports; tests/test_layers.py uses it to check the rules of the rooms.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ BEGIN, END = "<!-- begin: import_graph.py -->", "<!-- end: import_graph.py -->"
 
 @dataclass(frozen=True, slots=True)
 class Import:
-    """One module that a file imports, by its full name."""
+    """One module that a file imports, with its full name."""
 
     module: str
     line: int
     late: bool = False
-    """Inside a function: when that is called, not when the file is loaded."""
+    """The import is inside a function, so it happens when that is called."""
     typing: bool = False
-    """Under TYPE_CHECKING: never at run time."""
+    """The import is under TYPE_CHECKING, so it never happens at run time."""
 
 
 def files(package: str = "rorg") -> list[Path]:
@@ -40,7 +40,7 @@ def module_of(path: Path) -> str:
 
 
 def room_of(module: str) -> str:
-    """The folder of rorg/ that a module is in; "" for what stands beside the rooms."""
+    """The folder of rorg/ that contains a module; "" for modules beside the rooms."""
     parts = module.split(".")
     return parts[1] if len(parts) > 1 and (ROOT / parts[0] / parts[1]).is_dir() else ""
 
@@ -77,7 +77,7 @@ def _module(base: str, name: str) -> str:
 
 
 def arrows() -> dict[str, set[str]]:
-    """Room -> the rooms that it imports anything of."""
+    """Room -> the rooms that it imports from."""
     found: dict[str, set[str]] = {}
     for path in files():
         room = room_of(module_of(path))
@@ -88,7 +88,7 @@ def arrows() -> dict[str, set[str]]:
 
 
 def reduced(graph: Mapping[str, set[str]]) -> dict[str, set[str]]:
-    """Without the arrows that a longer way says already."""
+    """The graph without arrows that a longer path implies."""
 
     def reach(room: str) -> set[str]:
         return {far for near in graph[room] for far in (near, *reach(near))}
@@ -103,7 +103,7 @@ def drawing() -> str:
 
 
 def main() -> None:
-    """Writes the block, or says with `--check` that it is not what the code says."""
+    """Writes the block; with `--check`, exits if it is out of date."""
     page = PAGE.read_text(encoding="utf-8")
     before, _, rest = page.partition(BEGIN)
     _, found, after = rest.partition(END)

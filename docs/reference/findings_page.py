@@ -1,4 +1,4 @@
-"""The page of all findings, of the table of codes and of the trees that tests find them in."""
+"""Makes the page of all findings, from the table of codes and the example trees of the tests."""
 
 from __future__ import annotations
 
@@ -11,11 +11,14 @@ from rorg.manifest.validation.codes import TABLE
 CASES = Path(__file__).parents[2] / "tests/cases/findings"
 ABOUT = """# Findings
 
-What `rorg validate` says beside mistakes of form. Each has a code, which stays; `rorg diff` and the journal of the
-running rorg tell warnings too. An **error** can never work, and the tree is refused: the robot goes on with the last
-good one. A **warning** lets it pass.
+Findings are mistakes that `rorg validate` reports although each manifest is well formed. Each has a stable code.
+`rorg diff` and the journal of the running rorg show warnings too.
 
-Where one of these is right, a comment on its line, or before it, lets it pass. It must say why:
+- An **error** can never work. rorg refuses the tree, and the robot continues with the last good one.
+- A **warning** does not stop the tree from coming into force.
+
+If you mean what a warning complains about, allow it with a comment on its line, or on the line before. The comment
+must say why:
 
 ```yaml
 # part of a Service
@@ -24,11 +27,11 @@ spec:
     privileged: true   # rorg: allow privileged: the vendor's driver opens /dev/mem
 ```
 
-A comment without a reason, with a code that there is not, or that lets nothing pass is a warning itself. Errors cannot
-be let pass.
+A comment without a reason, with an unknown code, or that allows nothing is itself a warning. Errors cannot be
+allowed.
 
-`rorg validate -o json` gives `code` with each finding, `-o sarif` a file that code hosts show at the lines of a change.
-Findings that need a look at this machine (marked so below) are told by `rorg validate --machine`.
+`rorg validate -o json` gives the `code` of each finding; `-o sarif` writes a file that code hosts show beside the lines
+of a change. `rorg validate --machine` also reports findings about this machine, which are marked below.
 """
 
 
@@ -46,7 +49,7 @@ def findings() -> str:
 
 
 def _example(case: dict[str, dict[str, str]]) -> str:
-    """The file in which it is found, and where."""
+    """The example file, and the place of the finding in it."""
     file, line, column = str(case["expect"][0]["at"]).rsplit(":", 2)  # type: ignore[index]
     stem = file.removeprefix("services/").removesuffix(".yaml")
     text = case["bad"].get(stem)

@@ -1,4 +1,4 @@
-"""Prints the manual page rorg(1), made of the commands: `python docs/reference/man.py > rorg.1`."""
+"""Prints the manual page rorg(1), generated from the commands: `python docs/reference/man.py > rorg.1`."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from rorg.cli.options import Argument, Option
 from rorg.cli.signature import Parameter, parameters
 
 FILES = {
-    "/opt/robot/manifests": "The manifests of this robot, where rorg is a service of the machine.",
-    "/run/rorg/rorg.sock": "Where the running rorg answers, for root and the group rorg.",
+    "/opt/robot/manifests": "The manifests of this robot, if rorg is a service of the machine.",
+    "/run/rorg/rorg.sock": "The socket of the running rorg, for root and the group rorg.",
     "/var/lib/rorg": "The state of root's rorg; that of other users is in ~/.local/state/rorg.",
 }
 
 
 def plain(text: str) -> str:
-    """Text as roff prints it: no requests at the beginnings of lines, no escapes, and hyphens that can be copied."""
+    """Escapes text for roff: no requests at the start of lines, no escapes, and hyphens that can be copied."""
     text = text.replace("\\", "\\e").replace("-", "\\-")
     return re.sub(r"^(?=[.'])", r"\\&", text, flags=re.MULTILINE)
 
@@ -35,17 +35,17 @@ def paragraphs(text: str) -> list[str]:
 
 
 def entry(term: str, meaning: str) -> list[str]:
-    """What is explained, and indented below it how."""
+    """A term, with its meaning indented below."""
     return [".TP", f".B {plain(term)}", plain(meaning) or "\\&"]
 
 
 def words(parameter: Parameter) -> str:
-    """A parameter as it is typed."""
+    """A parameter as users type it."""
     return ", ".join(parameter.declared.names) if isinstance(parameter.declared, Option) else parameter.name.upper()
 
 
 def command(name: str) -> list[str]:
-    """One command: its line, what it does, its arguments and options."""
+    """One command: usage, description, arguments and options."""
     declared = [p for p in parameters(command_of(name)) if not p.rest]
     arguments = [p for p in declared if isinstance(p.declared, Argument)]
     typed = " ".join([f"rorg {name} [OPTIONS]", *map(usage, arguments)])
@@ -56,7 +56,7 @@ def command(name: str) -> list[str]:
 
 
 def page() -> str:
-    """All of rorg(1)."""
+    """The whole page rorg(1)."""
     summary, _, more = ABOUT.partition(":")
     options = [p.declared for name in COMMANDS for p in parameters(command_of(name)) if isinstance(p.declared, Option)]
     variables = {option.envvar: option.help for option in options if option.envvar}

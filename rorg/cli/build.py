@@ -56,8 +56,8 @@ def command(
     """
     from rorg.cli.context import Context
     from rorg.cli.output import missing
-    from rorg.images.make import make_supplier
     from rorg.images.references import references_for
+    from rorg.images.supply import Supplier
     from rorg.model.image_names import declared
 
     context = Context(state_dir, engine, Path(directory) if directory else None, local=True, own=True)
@@ -69,7 +69,7 @@ def command(
     names = images or sorted({*catalog.images, *(u for u in used if not declared(u, catalog.images))})
     state, of = context.state.prepare(), context.engine()
     content = references_for(context.engine_name, state.path).of(catalog)
-    supplier = make_supplier(of, state, of.owner, jobs or min(os.cpu_count() or 1, MOST))
+    supplier = Supplier(of, state, of.owner, jobs or min(os.cpu_count() or 1, MOST))
     if dry_run:
         _print_orders(supplier.orders(catalog, content, names, not no_cache), output)
         return

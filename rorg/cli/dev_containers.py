@@ -33,7 +33,7 @@ from rorg.images.dev import (
     plain_spec,
     within,
 )
-from rorg.images.devcontainer import document, ours
+from rorg.images.devcontainer import document, written_by_rorg
 from rorg.images.references import references_for
 from rorg.model.catalog import Catalog, Service, Spec
 from rorg.model.dev import DevContainer
@@ -259,7 +259,7 @@ class Developing:
         path = Path(wish.developer.workspace) / ".devcontainer" / "devcontainer.json"
         what, person = f"write {path}", wish.person
         try:
-            foreign = path.exists() and not ours(path.read_bytes())
+            foreign = path.exists() and not written_by_rorg(path.read_bytes())
             if foreign and not yes:
                 consent(what, f"{path} is not rorg's. Overwrite it?", "that file is not rorg's")
             self.context.state.prepare()

@@ -114,7 +114,7 @@ def _experiment(
 
 def _share(catalog: Catalog, trace: Trace, scale: float | None) -> Share:
     from rorg.host.load import machine
-    from rorg.sim.baseline import all_on_services
+    from rorg.sim.simulate import all_on_services
     from rorg.sim.standins import Share, share_of
 
     if scale is not None:
@@ -152,9 +152,8 @@ def _measured(experiment: Experiment, compress: float, pairs: int, save: Path | 
 
 
 def _compared(experiment: Experiment, run: EmulatedRun) -> Compared:
-    from rorg.sim.agreement import agreement, calibrated, replayed, simulated
     from rorg.sim.emulate import ALL_ON
-    from rorg.sim.emulation import Compared
+    from rorg.sim.emulation import Compared, agreement, calibrated, replayed, simulated
 
     catalog, all_on = experiment.stand_ins(), run.result.name == ALL_ON
     drawn, same = (

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from rorg.cli.options import FILES, Argument, Directory, Option, StateDirectory
 
 if TYPE_CHECKING:
-    from rorg.compose.exported import Exported
+    from rorg.compose.writer_text import Exported
 
 FORMATS = ("compose",)
 FORMS = ("yaml", "json")

@@ -19,7 +19,7 @@ from rorg.cli.output import consent, missing, note, print_rows
 if TYPE_CHECKING:
     from rorg.cli.context import Context
     from rorg.engines.docker.engine import DockerEngine
-    from rorg.images.keeping import Kept
+    from rorg.images.disk_usage import Kept
     from rorg.images.records import Records
     from rorg.images.references import Content
     from rorg.model.catalog import Catalog
@@ -78,13 +78,13 @@ class _Robot:
 
         from rorg.engines.docker.errors import docker_errors
         from rorg.engines.docker.images import disk_use
-        from rorg.images.keeping import ours
+        from rorg.images.disk_usage import own_images
 
         with docker_errors("list images"):
             rows = disk_use(self.engine.client)
         owner = self.context.state.instance()
         keep = keep or self.catalog.policy.images.keep
-        return ours(rows, owner, set(self.content.references.values()), self.records.revisions(), keep)
+        return own_images(rows, owner, set(self.content.references.values()), self.records.revisions(), keep)
 
 
 def _with_images(context: Context) -> Any:

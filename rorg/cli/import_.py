@@ -170,9 +170,9 @@ def _notes(imported: Imported, form: str) -> None:
 def _write(imported: Imported, output: Path, force: bool) -> None:
     """Writes all files, or none if one of them exists."""
     from rorg.errors import Invalid, Refused
-    from rorg.importing.writing import there_already, write_tree
+    from rorg.importing.manifests import existing_files, write_tree
 
-    there = [str(path) for path in there_already(imported, output)]
+    there = [str(path) for path in existing_files(imported, output)]
     if there and not force:
         some = ", ".join(there[:3]) + (f" and {len(there) - 3} more" if len(there) > 3 else "")
         raise Refused(f"write manifests into {output}", f"{some} exists already", "--force, or another --output")

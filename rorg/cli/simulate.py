@@ -208,8 +208,7 @@ def try_out(
 
 def draw(trial: Trial, found: Sequence[Tried], file: Path) -> None:
     """Draws the plot. Raises Invalid."""
-    from rorg.sim.plots import save
-    from rorg.sim.sweep_plot import draw_sweep
+    from rorg.sim.plots import draw_sweep, save
 
     note = f"Simulated, seed {trial.seed}; synthetic weights: {trial.workload.name}."
     save(lambda: draw_sweep(found, trial.trace.name, note), file)

@@ -119,7 +119,7 @@ def _write(trace: Trace, file: Path | None) -> None:
 def _show(file: Path, output: str) -> None:
     from rorg.manifest.traces import read_trace
     from rorg.model.units import counted, format_seconds
-    from rorg.sim.activities import activities
+    from rorg.sim.report import activities
 
     trace = read_trace(file)
     found = activities(trace)

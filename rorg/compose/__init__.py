@@ -1,4 +1,4 @@
-"""Compose files as values: files -> Project."""
+"""Reads Compose files into a Project, and writes a robot as a Compose file."""
 
 from rorg.compose.load import load
 from rorg.compose.project import Loaded, Project, Variable

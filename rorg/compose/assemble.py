@@ -1,4 +1,4 @@
-"""Several files as one tree: files over files, services that extend others, files that include others."""
+"""Merges several files into one tree: files over files, services that extend others, files that include others."""
 
 from __future__ import annotations
 
@@ -7,23 +7,22 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from rorg.compose.form import Context
+from rorg.compose.keys import FILE, SERVICE
 from rorg.compose.nodes import Node, read_nodes
-from rorg.compose.sections import FILE, SERVICE
-from rorg.compose.tags import kept, without
 from rorg.compose.variables import Files, Variables, bare, fill
 from rorg.model.bounds import TooMuch
 from rorg.model.diagnostics import Diagnostic, Where
 
 MOST_INCLUDES, MOST_EXTENDS = 50, 50
-"""Files on the way to an included one; services on the way to an extended one."""
+"""Length of a chain of includes, and of a chain of extended services."""
 MOST_LAYERS = 200
-"""Documents of all files; one that is included twice counts twice."""
+"""Documents of all files; a file that is included twice counts twice."""
 RESOURCES = ("services", "networks", "volumes", "configs", "secrets")
 
 
 @dataclass(frozen=True)
 class Layer:
-    """One document of one file: as it is written, with `!reset` and `!override`, and as a tree in canonical forms."""
+    """One document of one file: as written, with `!reset` and `!override`, and as a tree in canonical forms."""
 
     path: Path
     written: Node
@@ -41,34 +40,34 @@ class Layer:
 
 @dataclass
 class Assembler:
-    """What all files of a project have in common. Every mistake is in `diagnostics`."""
+    """State shared by all files of a project. Every mistake goes into `diagnostics`."""
 
     files: Files
     home: str
     diagnostics: list[Diagnostic] = field(default_factory=list)
     paths: dict[Path, None] = field(default_factory=dict)
-    """All that were read."""
+    """All files that were read."""
     layers: dict[tuple[Path, Path, int], list[Layer]] = field(default_factory=dict)
-    """Of each file, directory and set of variables."""
+    """By file, directory and set of variables."""
     documents: int = 0
 
     def tree(
         self, paths: Sequence[Path], directory: Path, variables: Variables, where: Where, trail: tuple[Path, ...] = ()
     ) -> Node:
-        """What files say together, with what they include."""
+        """The merged tree of some files and everything that they include."""
         total: Node | None = None
         for path in paths:
             for layer in self.read(path, directory, variables, where):
                 services = self.extended(layer, directory, variables)
                 tree = layer.tree.but({**layer.tree.mapping, **({"services": services} if services else {})})
-                total = tree if total is None else FILE.merge(without(total, layer.written), tree)
+                total = tree if total is None else FILE.merge(apply_resets(total, layer.written), tree)
         total = total or Node({}, where)
         for entry in total.mapping["include"].items if "include" in total.mapping else ():
             total = self.included(total, entry, directory, variables, (*trail, *paths))
         return total
 
     def read(self, path: Path, directory: Path, variables: Variables, where: Where) -> list[Layer]:
-        """The documents of a file in canonical forms; none where it cannot be read, which is told at `where`."""
+        """The documents of a file in canonical forms; none if it cannot be read, which is reported at `where`."""
         key = (path, directory, id(variables))
         if key in self.layers:
             return self.layers[key]
@@ -88,7 +87,7 @@ class Assembler:
         context = Context(directory, self.home, self.diagnostics, self.files.spend, self.files.near)
         for document in documents:
             written = fill(document, variables, self.diagnostics)
-            tree = FILE.read(kept(written), "", context)
+            tree = FILE.read(without_resets(written), "", context)
             if tree is not None:
                 self.layers[key].append(Layer(path, written, tree))
         return self.layers[key]
@@ -103,7 +102,7 @@ class Assembler:
     def service(
         self, name: str, layer: Layer, directory: Path, variables: Variables, trail: tuple[tuple[Path, str], ...]
     ) -> Node | None:
-        """A service with all that it extends."""
+        """A service merged with everything that it extends."""
         node = layer.service(name)
         extends = node.mapping.get("extends") if node else None
         target = extends.mapping.get("service") if extends else None
@@ -112,9 +111,9 @@ class Assembler:
         own = node.but({key: value for key, value in node.mapping.items() if key != "extends"})
         if (layer.path, name) in trail:
             ring = [one for _, one in trail[trail.index((layer.path, name)) :]]
-            if name == min(ring):  # each ring is met once from each of its services
+            if name == min(ring):  # every service of the cycle leads here once: report it only once
                 message = f"services extend each other: {' -> '.join([*ring, name])}"
-                self.diagnostics.append(Diagnostic(target.where, message, "dropping one extends"))
+                self.diagnostics.append(Diagnostic(target.where, message, "removing one `extends`"))
             return own
         if len(trail) > MOST_EXTENDS:
             raise TooMuch(
@@ -128,14 +127,14 @@ class Assembler:
         base = self.service(target.value, base_layer, base_directory, variables, trail)
         if base is None:
             return own
-        merged = SERVICE.merge(without(base, layer.written_service(name)), own)
+        merged = SERVICE.merge(apply_resets(base, layer.written_service(name)), own)
         self.files.spend(merged.size(), target.where)
         return own.but(merged.value)
 
     def base(
         self, name: str, target: Node, extends: Node, layer: Layer, directory: Path, variables: Variables
     ) -> tuple[Layer, Path] | None:
-        """The document that has the service which `name` extends, and where its paths begin."""
+        """The document with the service that `name` extends, and the directory that its paths are relative to."""
         layers, where = [layer], directory
         file = extends.mapping.get("file")
         if file:
@@ -149,7 +148,7 @@ class Assembler:
                 known for one in layers for known in one.tree.mapping.get("services", target).mapping if known != name
             ]
             inside = f" in {layers[0].path}" if file else ""
-            message = f"service '{name}' extends '{target.value}', which there is not{inside}"
+            message = f"service '{name}' extends '{target.value}', which does not exist{inside}"
             self.diagnostics.append(Diagnostic(target.where, message, self.files.near(target.value, known)))
             return None
         return found, where
@@ -157,16 +156,18 @@ class Assembler:
     def included(
         self, total: Node, entry: Node, directory: Path, variables: Variables, trail: tuple[Path, ...]
     ) -> Node:
-        """A tree and what one entry of `include` brings."""
+        """A tree merged with what one entry of `include` adds."""
         context = Context(directory, self.home)
         paths = [Path(context.path(one.value)) for one in entry.mapping["path"].items]
         if not paths or len(trail) > MOST_INCLUDES:
-            self.diagnostics.append(Diagnostic(entry.where, "an include without a path, or too deep", "path: FILE"))
+            self.diagnostics.append(
+                Diagnostic(entry.where, "an include without a path, or nested too deep", "path: FILE")
+            )
             return total
         if paths[0] in trail:
             ring = " -> ".join(path.name for path in (*trail[trail.index(paths[0]) :], paths[0]))
             self.diagnostics.append(
-                Diagnostic(entry.where, f"files include each other: {ring}", "dropping one include")
+                Diagnostic(entry.where, f"files include each other: {ring}", "removing one include")
             )
             return total
         said = entry.mapping.get("project_directory")
@@ -188,7 +189,7 @@ class Assembler:
             variables.add_file(path, text, self.diagnostics)
 
     def joined(self, total: Node, other: Node) -> Node:
-        """A tree and another that is included: the same name twice is a mistake, unless both say the same."""
+        """A tree merged with an included one. The same name in both is a mistake, unless both definitions are equal."""
         entries = dict(total.mapping)
         for section in RESOURCES:
             brought = other.mapping.get(section)
@@ -198,7 +199,7 @@ class Assembler:
             for name, node in brought.mapping.items():
                 before = ours.get(name)
                 if before is not None and before.plain() != node.plain():
-                    message = f"{section}.{name} is also in {node.place.file}, which is included"
+                    message = f"{section}.{name} is also in the included file {node.place.file}"
                     remedy = "another name, or compose.override.yaml beside the included file in its 'path'"
                     self.diagnostics.append(Diagnostic(before.place, message, remedy))
                     continue
@@ -208,7 +209,7 @@ class Assembler:
 
 
 def _with_bare_names(tree: Node, variables: Variables) -> Node:
-    """Bare names in environments of an included file take what its own env files say, too."""
+    """Lets bare names in environments of an included file take values from its own env files, too."""
     services = tree.mapping.get("services")
     if services is None:
         return tree
@@ -222,3 +223,23 @@ def _with_bare_names(tree: Node, variables: Variables) -> Node:
             }
             entries[name] = service.but({**service.mapping, "environment": environment.but(filled)})
     return tree.but({**tree.mapping, "services": services.but(entries)})
+
+
+def apply_resets(base: Node, resets: Node) -> Node:
+    """What remains of earlier files after `!reset` and `!override` of a later one have removed their keys."""
+    entries = dict(base.mapping)
+    for key, value in resets.mapping.items():
+        if value.tag and key in entries:
+            del entries[key]
+        elif key in entries and isinstance(value.value, dict) and isinstance(entries[key].value, dict):
+            entries[key] = apply_resets(entries[key], value)
+    return base.but(entries)
+
+
+def without_resets(node: Node) -> Node:
+    """A node without entries that only remove something (`!reset`)."""
+    if isinstance(node.value, dict):
+        return node.but({k: without_resets(v) for k, v in node.value.items() if v.tag != "reset"})
+    if isinstance(node.value, list):
+        return node.but([without_resets(v) for v in node.value if v.tag != "reset"])
+    return node

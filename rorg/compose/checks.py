@@ -1,12 +1,12 @@
-"""What is wrong with a project as a whole: names that there are not, rings, options that exclude each other."""
+"""Checks a project as a whole: unknown names, cycles, options that exclude each other."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from rorg.compose.form import Suggestions
 from rorg.compose.project import Place, Project
-from rorg.compose.suggestions import Suggestions
 from rorg.model.diagnostics import Diagnostic
 
 _SAME = (
@@ -15,12 +15,12 @@ _SAME = (
     ("pids_limit", ("limits", "pids")),
     ("mem_reservation", ("reservations", "memory")),
 )
-"""Keys that say the same as one of deploy.resources, and must not say another thing."""
+"""Keys that mean the same as one of deploy.resources, and must not contradict it."""
 _GIVEN = {"configs": ("file", "environment", "content", "external"), "secrets": ("file", "environment", "external")}
 
 
 def check(project: Project) -> list[Diagnostic]:
-    """All of it, in no order."""
+    """All findings, in no particular order."""
     found = _Checks(project)
     for name, service in project.services.items():
         found.service(name, service)
@@ -28,16 +28,16 @@ def check(project: Project) -> list[Diagnostic]:
         for name, entry in getattr(project, kind).items():
             said = [way for way in ways if way in entry]
             if not said and "driver" not in entry:
-                found.error(f"{kind}.{name} says nowhere what is in it", f"one of {', '.join(ways)}", kind, name)
+                found.error(f"{kind}.{name} does not say what it contains", f"one of {', '.join(ways)}", kind, name)
             elif len(said) > 1:
-                message = f"{kind}.{name} says twice what is in it: {' and '.join(said)}"
+                message = f"{kind}.{name} says more than once what it contains: {' and '.join(said)}"
                 found.error(message, "one of these", kind, name, said[1])
     found.rings()
     return found.diagnostics
 
 
 def needed(service: Mapping[str, Any]) -> Iterator[tuple[str, Place]]:
-    """The services of the project that one names, and where: what Compose starts before it."""
+    """The other services that a service names, and where: Compose starts these first."""
     for other in service.get("depends_on", {}):
         yield other, ("depends_on", other)
     for key in ("network_mode", "ipc", "pid", "uts"):
@@ -70,21 +70,21 @@ class _Checks:
         self.resources(name, service)
         if "network_mode" in service and service.get("networks"):
             message = f"service '{name}' has network_mode and networks, which exclude each other"
-            self.error(message, "dropping one of them", *here, "network_mode")
+            self.error(message, "removing one of them", *here, "network_mode")
         limits = service.get("deploy", {}).get("resources", {})
         for key, (side, inner) in _SAME:
             said = limits.get(side, {}).get(inner)
             if key in service and said is not None and said != service[key]:
-                message = f"service '{name}' says {key} and deploy.resources.{side}.{inner}, and not the same"
-                self.error(message, f"dropping {key}", *here, key)
+                message = f"service '{name}' has different values for {key} and deploy.resources.{side}.{inner}"
+                self.error(message, f"removing {key}", *here, key)
         count = service.get("scale", service.get("deploy", {}).get("replicas", 1))
         if "scale" in service and service.get("deploy", {}).get("replicas", count) != count:
             self.error(
-                f"service '{name}' says scale and deploy.replicas, and not the same", "one of them", *here, "scale"
+                f"service '{name}' has different values for scale and deploy.replicas", "one of them", *here, "scale"
             )
         if count > 1 and "container_name" in service:
-            message = f"service '{name}' is to have {count} containers, and a container_name can be that of one"
-            self.error(message, "dropping container_name", *here, "container_name")
+            message = f"service '{name}' has {count} copies, but only one container can have the container_name"
+            self.error(message, "removing container_name", *here, "container_name")
 
     def needs(self, name: str, service: Mapping[str, Any]) -> None:
         known = self.project.services
@@ -93,7 +93,7 @@ class _Checks:
             if other not in known:
                 required = said.get("required", True)
                 severity = "error" if required else "warning"
-                message = f"service '{name}' names service '{other}' in {path[0]}, which there is not"
+                message = f"service '{name}' names service '{other}' in {path[0]}, which does not exist"
                 self.error(message, self.near(other, known), "services", name, *path, severity=severity)
             elif name in self.project.enabled and other not in self.project.enabled and said.get("required", True):
                 profiles = ", ".join(self.project.profiles[other])
@@ -104,7 +104,7 @@ class _Checks:
                 self.error(message, remedy, "services", name, *path, severity="warning")
 
     def resources(self, name: str, service: Mapping[str, Any]) -> None:
-        """Networks, volumes, configs and secrets that it names."""
+        """Checks the networks, volumes, configs and secrets that a service names."""
         named: list[tuple[str, str, Place]] = []
         for network in service.get("networks", {}):
             if not network.startswith("x-"):
@@ -120,12 +120,12 @@ class _Checks:
         for kind, other, path in named:
             known = getattr(self.project, kind)
             if other not in known:
-                message = f"service '{name}' names '{other}', which {kind} of the top does not declare"
+                message = f"service '{name}' names '{other}', which is not declared in {kind} at the top"
                 remedy = self.near(other, known) or f"{kind}: {{{other}: ...}} at the top of the file"
                 self.error(message, remedy, "services", name, *path)
 
     def rings(self) -> None:
-        """Services that need each other; each ring is told once."""
+        """Reports services that need each other, once for each cycle."""
         graph = {
             name: [o for o, _ in needed(s) if o in self.project.services] for name, s in self.project.services.items()
         }
@@ -135,11 +135,11 @@ class _Checks:
             if ring:
                 message = f"services need each other: {' -> '.join(ring)}"
                 path = dict(needed(self.project.services[ring[0]]))[ring[1]]
-                self.error(message, "dropping one of these needs", "services", ring[0], *path)
+                self.error(message, "removing one of these needs", "services", ring[0], *path)
 
 
 def _ring(graph: Mapping[str, list[str]], start: str, done: set[str]) -> list[str]:
-    """The first ring that is found from there, without recursion; what is done is not looked at again."""
+    """The first cycle reachable from `start`, without recursion. Services in `done` are not visited again."""
     path: list[str] = []
     above: set[str] = set()
     stack: list[tuple[str, bool]] = [(start, True)]

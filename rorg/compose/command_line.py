@@ -1,7 +1,7 @@
-"""A command that is written as one text, split into words as Compose splits it.
+"""Splits a command that is written as one text, in the same way as Compose.
 
-Compose knows quotes and backslashes, and no shell: at the first of ; & | < > that stands alone it stops, and what comes
-behind it is no part of the command. $(...) and `...` are parts of a word, as they are written (measured with 2.26.1).
+Compose knows quotes and backslashes but runs no shell: it stops at the first separate ; & | < > and ignores the rest.
+$(...) and `...` are parts of a word, kept as written (measured with 2.26.1).
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ from dataclasses import dataclass, field
 ENDS = ";&|<>"
 SPACES = " \t\r\n"
 BACK, SUBSTITUTION = "`", "$("
-"""What a sign is inside of, beside quotes."""
+"""What a character may be inside of, besides quotes."""
 
 
 def split(text: str) -> tuple[list[str], str]:
-    """The words, and what Compose leaves away of the text. Raises ValueError for quotes that are not closed and for
-    brackets outside of quotes, which it refuses."""
+    """The words, and the rest that Compose ignores. Raises ValueError for unclosed quotes and for brackets outside of
+    quotes, which Compose refuses."""
     found = _Words()
     at = 0
     while at < len(text) and not found.ended(text[at]):
@@ -29,7 +29,7 @@ def split(text: str) -> tuple[list[str], str]:
             found.take(text[at])
         at += 1
     if found.quote or found.inside:
-        raise ValueError("not a command line: a quotation is not closed")
+        raise ValueError("not a command line: a quote is not closed")
     found.space()
     return found.words, text[at:]
 
@@ -42,7 +42,7 @@ class _Words:
     inside: str = ""
 
     def ended(self, sign: str) -> bool:
-        """Whether the command is over. A number before > is that of a file, and no word."""
+        """Whether the command ends here. Digits before > name a file descriptor, so they are not a word."""
         if sign not in ENDS or self.quote or self.inside:
             return False
         if sign == ">" and self.word and self.word[0] in "0123456789":

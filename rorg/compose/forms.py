@@ -1,4 +1,4 @@
-"""Forms of lists, mappings and sections of a Compose file."""
+"""Forms of lists, mappings and sections of a Compose file, and forms that combine others."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from rorg.compose.scalars import LOOSE, TEXT
 
 @dataclass(frozen=True)
 class Words(Form):
-    """A command: a line as a shell splits it, or a list. A later one replaces it."""
+    """A command: one line, split as Compose splits it, or a list. A later one replaces it."""
 
     def read(self, node: Node, name: str, context: Context) -> Node | None:
         if node.value is None:
-            return node  # takes away what files before say
+            return node  # removes the command of earlier files
         if isinstance(node.value, str):
             try:
                 words, rest = split(node.value)
             except ValueError as error:
-                context.error(node, f"{name}: {error}", "quotes that are closed, or a list")
+                context.error(node, f"{name}: {error}", "closing the quotes, or a list")
                 return None
             if rest:
-                context.warn(node, f"{name}: Compose leaves away '{rest}', since it runs no shell", "sh -c '...'")
+                context.warn(node, f"{name}: Compose ignores '{rest}', because it runs no shell", "sh -c '...'")
             return node.but([Node(word, node.where, taken=node.taken) for word in words])
         if not isinstance(node.value, list):
             return wrong(node, name, context, "text or a list")
@@ -35,17 +35,17 @@ class Words(Form):
 
 @dataclass(frozen=True)
 class ListOf(Form):
-    """A list. What a later one has is appended, or takes the place of what has the same `key`."""
+    """A list. Items of a later list are appended, or replace the item with the same `key`."""
 
     item: Form = TEXT
     single: bool = False
-    """One item may stand for a list of it."""
+    """A single item may be written without the list."""
     key: Callable[[Any], object] | None = None
-    """Of plain items: those with the same one are one."""
+    """The identity of a plain item: of several equal ones, the last remains."""
     spread: Callable[[Node, str, Context], list[Node]] | None = None
-    """The long items that one item stands for."""
+    """Expands one item into its long forms."""
     replaced: bool = False
-    """A later list replaces it."""
+    """A later list replaces this one."""
 
     def read(self, node: Node, name: str, context: Context) -> Node | None:
         if node.value is None:
@@ -78,14 +78,14 @@ def _read_all(items: list[Node], form: Form, name: str, context: Context) -> lis
 
 @dataclass(frozen=True)
 class MapOf(Form):
-    """A mapping with names that people choose. `names`: a list of them stands for a mapping to nothing."""
+    """A mapping with names that people choose. `names`: it may also be a list of names, without values."""
 
     item: Form
     names: bool = False
     null: bool = False
-    """A name may have no value, which is then None, or an empty mapping where the form is a section."""
+    """A name may have no value: it is None, or an empty mapping if the items are sections."""
     extensible: bool = True
-    """Sections whose names begin with x- are not read; a service may be called so all the same."""
+    """Entries whose names start with x- are not read. A service, however, may have such a name."""
 
     def read(self, node: Node, name: str, context: Context) -> Node | None:
         if node.value is None:
@@ -117,7 +117,7 @@ class Pairs(Form):
     """`{NAME: value}` or `[NAME=value]`; a bare NAME has no value."""
 
     bare: bool = False
-    """A name without a value is None; else it is an empty text."""
+    """A name without a value is None; otherwise it is an empty text."""
     separators: str = "="
 
     def read(self, node: Node, name: str, context: Context) -> Node | None:
@@ -150,7 +150,7 @@ class Pairs(Form):
 
 
 Short = Callable[[Node, str, Context], "Node | None"]
-"""A short form as a long one; None where it is wrong and told. A mapping is not brought to it."""
+"""Expands a short form; None if it is wrong and reported. Never called with a mapping."""
 
 
 @dataclass(frozen=True)
@@ -163,9 +163,9 @@ class Section(Form):
     defaults: Mapping[str, Any] = field(default_factory=dict)
     extensible: bool = True
     finish: Callable[[Node, str, Context], Node] | None = None
-    """What is made of it once it is read."""
+    """Completes the node once it is read."""
     same: str = ""
-    """Merged key by key only where this key is the same, or not said in both; else the later one holds whole."""
+    """Merge key by key only if this key is equal or missing in one of the two; otherwise the later section wins."""
 
     def read(self, node: Node, name: str, context: Context) -> Node | None:
         if node.value is None:
@@ -190,7 +190,7 @@ class Section(Form):
         return self.finish(made, name, context) if self.finish else made
 
     def entries(self, node: Node, name: str, context: Context) -> dict[str, Node]:
-        """What it says, without keys that there are not."""
+        """The known entries. Unknown keys are reported."""
         found: dict[str, Node] = {}
         for key, value in node.mapping.items():
             if key.startswith("x-") and self.extensible:
@@ -220,3 +220,57 @@ def _merged(base: Node, over: Node, form: Callable[[str], Form]) -> Node:
         else:
             entries[key] = form(key).merge(before, value)
     return base.but(entries)
+
+
+_NOT_HERE = ("git@", "github.com/", "docker-image://", "oci-layout://", "service:")
+
+
+def is_remote(text: str) -> bool:
+    """Whether a build context is a URL or an image instead of a directory."""
+    return text.startswith(_NOT_HERE) or "://" in text
+
+
+@dataclass(frozen=True)
+class Changed(Form):
+    """Another form, whose short values are expanded first."""
+
+    change: Callable[[Node, str, Context], Node | None]
+    form: Form
+    only: type | tuple[type, ...] = object
+
+    def read(self, node: Node, name: str, context: Context) -> Node | None:
+        if node.value is None:
+            return None
+        long = self.change(node, name, context) if isinstance(node.value, self.only) else node
+        return None if long is None else self.form.read(long, name, context)
+
+    def merge(self, base: Node, over: Node) -> Node:
+        return self.form.merge(base, over)
+
+
+@dataclass(frozen=True)
+class Either(Form):
+    """A mapping has one form, everything else another."""
+
+    section: Form
+    other: Form
+
+    def read(self, node: Node, name: str, context: Context) -> Node | None:
+        form = self.section if isinstance(node.value, dict) else self.other
+        return form.read(node, name, context)
+
+    def merge(self, base: Node, over: Node) -> Node:
+        both = isinstance(base.value, dict) and isinstance(over.value, dict)
+        return self.section.merge(base, over) if both else over
+
+
+class Contexts(Pairs):
+    """Additional contexts of a build, with absolute paths."""
+
+    def read(self, node: Node, name: str, context: Context) -> Node | None:
+        found = super().read(node, name, context)
+        if found is None:
+            return None
+        return found.but(
+            {k: v if is_remote(v.value) else v.but(context.path(v.value)) for k, v in found.mapping.items()}
+        )

@@ -1,17 +1,21 @@
-"""Every key of a Compose file and its form. The source is the Compose Specification, with keys that came after Compose
-2.26 (gpus, label_file, provider, models, post_start, pre_stop, use_api_socket, pull_refresh_after)."""
+"""Every key of a Compose file and its form: what a service, network, volume, config or secret may say.
+
+The source is the Compose Specification, with keys that came after Compose 2.26 (gpus, label_file, provider, models,
+post_start, pre_stop, use_api_socket, pull_refresh_after).
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from posixpath import normpath
 from typing import Any
 
 from rorg.compose import shorts
-from rorg.compose.form import ANY, Context
-from rorg.compose.forms import ListOf, MapOf, Pairs, Section, Words
-from rorg.compose.key_forms import Changed, Contexts, Either, is_remote
+from rorg.compose.form import ANY, Context, Form
+from rorg.compose.forms import Changed, Contexts, Either, ListOf, MapOf, Pairs, Section, Words, is_remote
 from rorg.compose.nodes import Node
 from rorg.compose.scalars import BOOL, DURATION, FLOAT, INT, LOOSE, NUMBER_OR_TEXT, SIZE, TEXT, PathOf, Scalar, one_of
+from rorg.model.options import OPTIONS as CONTAINER_OPTIONS
 
 TEXTS = ListOf(TEXT)
 UNIQUE = ListOf(TEXT, key=lambda text: text)
@@ -19,8 +23,13 @@ ONE_OR_MANY = ListOf(TEXT, single=True, key=lambda text: text)
 OPTIONS = MapOf(NUMBER_OR_TEXT)
 
 
+def _keys(form: Form, names: str) -> dict[str, Form]:
+    """Several keys of the same form."""
+    return dict.fromkeys(names.split(), form)
+
+
 def _source(node: Node, name: str, context: Context) -> Node:
-    """Of a mount: the source of a bind is a path of this machine."""
+    """A mount, with the source of a bind as an absolute path of this machine."""
     entries = dict(node.value)
     source, kind = entries.get("source"), entries.get("type")
     if kind and kind.value == "bind":
@@ -39,75 +48,50 @@ def _source(node: Node, name: str, context: Context) -> Node:
 def _health(node: Node, name: str, context: Context) -> Node:
     test = node.mapping.get("test")
     if test and (not test.items or test.items[0].value not in ("NONE", "CMD", "CMD-SHELL")):
-        context.error(
-            test, f"{name}.test begins with none of NONE, CMD and CMD-SHELL", '["CMD", "curl", "..."], or text'
-        )
+        message = f"{name}.test does not begin with NONE, CMD or CMD-SHELL"
+        context.error(test, message, '["CMD", "curl", "..."], or text')
     return node
-
-
-ULIMITS = MapOf(Either(Section({"soft": INT, "hard": INT}, required=("soft", "hard")), INT))
-HOSTS = Changed(shorts.hosts, TEXTS)
-COUNT = Scalar("a number, or all", (int, str), shorts.count)
-_DEVICE = {
-    "capabilities": TEXTS,
-    "count": COUNT,
-    "device_ids": TEXTS,
-    "driver": TEXT,
-    "options": Pairs(),
-}
-HOOK = Section(
-    {"command": Words(), "user": TEXT, "privileged": BOOL, "working_dir": TEXT, "environment": Pairs(bare=True)}
-)
 
 
 def _of_secret(plain: Any) -> object:
     return (plain.get("target") or plain.get("source")) if isinstance(plain, dict) else plain
 
 
+ULIMITS = MapOf(Either(Section({"soft": INT, "hard": INT}, required=("soft", "hard")), INT))
+HOSTS = Changed(shorts.hosts, TEXTS)
+COUNT = Scalar("a number, or all", (int, str), shorts.count)
+_DEVICE = {**_keys(TEXTS, "capabilities device_ids"), "count": COUNT, "driver": TEXT, "options": Pairs()}
+HOOK = Section(
+    {"command": Words(), "user": TEXT, "privileged": BOOL, "working_dir": TEXT, "environment": Pairs(bare=True)}
+)
 SECRETS = ListOf(
-    Section(
-        {"source": TEXT, "target": TEXT, "uid": TEXT, "gid": TEXT, "mode": INT},
-        short=shorts.named("source"),
-        required=("source",),
-    ),
+    Section({**_keys(TEXT, "source target uid gid"), "mode": INT}, short=shorts.named("source"), required=("source",)),
     key=_of_secret,
 )
 BUILD = Section(
     {
+        **_keys(TEXT, "dockerfile dockerfile_inline network target isolation"),
+        **_keys(TEXTS, "entitlements cache_from cache_to platforms"),
+        **_keys(BOOL, "no_cache pull privileged"),
+        **_keys(LOOSE, "provenance sbom"),
         "context": PathOf(kept=is_remote),
-        "dockerfile": TEXT,
-        "dockerfile_inline": TEXT,
-        "entitlements": TEXTS,
         "args": Pairs(bare=True),
         "ssh": Changed(lambda n, _, __: shorts.listed_pairs(n), TEXTS, dict),
         "labels": Pairs(),
-        "cache_from": TEXTS,
-        "cache_to": TEXTS,
-        "no_cache": BOOL,
         "additional_contexts": Contexts(),
-        "network": TEXT,
-        "provenance": LOOSE,
-        "sbom": LOOSE,
-        "pull": BOOL,
-        "target": TEXT,
         "shm_size": SIZE,
         "extra_hosts": HOSTS,
-        "isolation": TEXT,
-        "privileged": BOOL,
         "secrets": SECRETS,
         "tags": UNIQUE,
         "ulimits": ULIMITS,
-        "platforms": TEXTS,
     },
     short=shorts.named("context"),
 )
 MOUNT = Section(
     {
         "type": one_of("bind", "volume", "tmpfs", "cluster", "npipe", "image"),
-        "source": TEXT,
-        "target": TEXT,
+        **_keys(TEXT, "source target consistency"),
         "read_only": BOOL,
-        "consistency": TEXT,
         "bind": Section(
             {
                 "propagation": TEXT,
@@ -125,20 +109,12 @@ MOUNT = Section(
     finish=_source,
 )
 PORT = Section(
-    {
-        "name": TEXT,
-        "mode": TEXT,
-        "host_ip": TEXT,
-        "target": INT,
-        "published": NUMBER_OR_TEXT,
-        "protocol": TEXT,
-        "app_protocol": TEXT,
-    },
+    {**_keys(TEXT, "name mode host_ip protocol app_protocol"), "target": INT, "published": NUMBER_OR_TEXT},
     required=("target",),
     defaults={"mode": "ingress", "protocol": "tcp"},
 )
 DEVICE = Section(
-    {"source": TEXT, "target": TEXT, "permissions": TEXT},
+    _keys(TEXT, "source target permissions"),
     short=shorts.device,
     required=("source",),
     defaults={"permissions": "rwm"},
@@ -150,111 +126,70 @@ ENV_FILE = Section(
     required=("path",),
     defaults={"required": True},
 )
-DEPENDS_ON = Changed(
-    shorts.depends_on,
-    MapOf(
-        Section(
-            {
-                "condition": one_of("service_started", "service_healthy", "service_completed_successfully"),
-                "restart": BOOL,
-                "required": BOOL,
-            },
-            required=("condition",),
-            defaults={"required": True},
-        )
-    ),
-    only=(list, str, int, float, bool),
+_DEPENDENCY = Section(
+    {
+        "condition": one_of("service_started", "service_healthy", "service_completed_successfully"),
+        **_keys(BOOL, "restart required"),
+    },
+    required=("condition",),
+    defaults={"required": True},
 )
+DEPENDS_ON = Changed(shorts.depends_on, MapOf(_DEPENDENCY), only=(list, str, int, float, bool))
 HEALTHCHECK = Section(
     {
         "disable": BOOL,
-        "interval": DURATION,
         "retries": INT,
         "test": Changed(shorts.health_test, ListOf(TEXT, replaced=True), str),
-        "timeout": DURATION,
-        "start_period": DURATION,
-        "start_interval": DURATION,
+        **_keys(DURATION, "interval timeout start_period start_interval"),
     },
     finish=_health,
 )
 _UPDATE = Section(
     {
+        **_keys(DURATION, "delay monitor"),
         "parallelism": INT,
-        "delay": DURATION,
         "failure_action": TEXT,
-        "monitor": DURATION,
         "max_failure_ratio": FLOAT,
         "order": one_of("start-first", "stop-first"),
     }
 )
 _GENERIC = Section({"discrete_resource_spec": Section({"kind": TEXT, "value": INT})})
+_RESERVATIONS = Section(
+    {"cpus": FLOAT, "memory": SIZE, "generic_resources": ListOf(_GENERIC), "devices": ListOf(Section(_DEVICE))}
+)
 DEPLOY = Section(
     {
-        "mode": TEXT,
-        "endpoint_mode": TEXT,
+        **_keys(TEXT, "mode endpoint_mode"),
         "replicas": INT,
         "labels": Pairs(),
-        "rollback_config": _UPDATE,
-        "update_config": _UPDATE,
+        **_keys(_UPDATE, "rollback_config update_config"),
         "resources": Section(
-            {
-                "limits": Section({"cpus": FLOAT, "memory": SIZE, "pids": INT}),
-                "reservations": Section(
-                    {
-                        "cpus": FLOAT,
-                        "memory": SIZE,
-                        "generic_resources": ListOf(_GENERIC),
-                        "devices": ListOf(Section(_DEVICE)),
-                    }
-                ),
-            }
+            {"limits": Section({"cpus": FLOAT, "memory": SIZE, "pids": INT}), "reservations": _RESERVATIONS}
         ),
         "restart_policy": Section({"condition": TEXT, "delay": DURATION, "max_attempts": INT, "window": DURATION}),
         "placement": Section(
-            {
-                "constraints": TEXTS,
-                "preferences": ListOf(Section({"spread": TEXT})),
-                "max_replicas_per_node": INT,
-            }
+            {"constraints": TEXTS, "preferences": ListOf(Section({"spread": TEXT})), "max_replicas_per_node": INT}
         ),
     }
 )
-GPUS = ListOf(Section(_DEVICE))
-DEVELOP = Section(
+_WATCH = Section(
     {
-        "watch": ListOf(
-            Section(
-                {
-                    "ignore": ONE_OR_MANY,
-                    "include": ONE_OR_MANY,
-                    "path": PathOf(),
-                    "action": one_of("rebuild", "sync", "restart", "sync+restart", "sync+exec"),
-                    "target": TEXT,
-                    "exec": HOOK,
-                },
-                required=("path", "action"),
-            )
-        )
+        **_keys(ONE_OR_MANY, "ignore include"),
+        "path": PathOf(),
+        "action": one_of("rebuild", "sync", "restart", "sync+restart", "sync+exec"),
+        "target": TEXT,
+        "exec": HOOK,
+    },
+    required=("path", "action"),
+)
+_SERVICE_NETWORK = Section(
+    {
+        **_keys(TEXTS, "aliases link_local_ips"),
+        **_keys(TEXT, "interface_name ipv4_address ipv6_address mac_address"),
+        **_keys(INT, "priority gw_priority"),
+        "driver_opts": OPTIONS,
     }
 )
-NETWORKS = MapOf(
-    Section(
-        {
-            "aliases": TEXTS,
-            "interface_name": TEXT,
-            "ipv4_address": TEXT,
-            "ipv6_address": TEXT,
-            "link_local_ips": TEXTS,
-            "mac_address": TEXT,
-            "driver_opts": OPTIONS,
-            "priority": INT,
-            "gw_priority": INT,
-        }
-    ),
-    names=True,
-    null=True,
-)
-LOGGING = Section({"driver": TEXT, "options": Pairs()}, same="driver")
 _RATE = ListOf(Section({"path": TEXT, "rate": SIZE}))
 BLKIO = Section(
     {
@@ -264,7 +199,90 @@ BLKIO = Section(
     },
     extensible=False,
 )
-EXTENDS = Section(
-    {"service": TEXT, "file": TEXT}, short=shorts.named("service"), required=("service",), extensible=False
+_FORMS: Mapping[str, Form] = {
+    "bool": BOOL,
+    "duration": DURATION,
+    "float": FLOAT,
+    "int": INT,
+    "list": UNIQUE,
+    "one or many": ONE_OR_MANY,
+    "pairs": Pairs(),
+    "size": SIZE,
+    "text": TEXT,
+    "words": Words(),
+}
+"""Forms by their names in the table of options."""
+SERVICE = Section(
+    {
+        **{name: _FORMS[option.compose] for name, option in CONTAINER_OPTIONS.items() if option.compose in _FORMS},
+        **_keys(INT, "cpu_count scale"),
+        **_keys(BOOL, "attach use_api_socket"),
+        **_keys(UNIQUE, "external_links profiles"),
+        "cpu_percent": FLOAT,
+        "pull_refresh_after": TEXT,
+        **_keys(ListOf(NUMBER_OR_TEXT, key=str), "expose group_add"),
+        **_keys(SECRETS, "configs secrets"),
+        **_keys(ListOf(HOOK), "post_start pre_stop"),
+        "blkio_config": BLKIO,
+        "build": BUILD,
+        "cgroup": one_of("host", "private"),
+        "credential_spec": Section(_keys(TEXT, "config file registry")),
+        "depends_on": DEPENDS_ON,
+        "deploy": DEPLOY,
+        "develop": Section({"watch": ListOf(_WATCH)}),
+        "devices": ListOf(DEVICE, key=lambda device: device.get("target")),
+        "env_file": ListOf(ENV_FILE, single=True),
+        "environment": Pairs(bare=True),
+        "extends": Section(
+            _keys(TEXT, "service file"), short=shorts.named("service"), required=("service",), extensible=False
+        ),
+        "extra_hosts": HOSTS,
+        "gpus": Changed(shorts.all_gpus, ListOf(Section(_DEVICE)), str),
+        "healthcheck": HEALTHCHECK,
+        "label_file": ListOf(PathOf(), single=True),
+        "logging": Section({"driver": TEXT, "options": Pairs()}, same="driver"),
+        "models": ANY,
+        "networks": MapOf(_SERVICE_NETWORK, names=True, null=True),
+        "ports": ListOf(
+            PORT,
+            spread=shorts.ports,
+            key=lambda p: (p.get("host_ip"), p.get("published"), p.get("target"), p.get("protocol")),
+        ),
+        "provider": Section({"type": TEXT, "options": ANY}, required=("type",)),
+        "pull_policy": Scalar("text", (str,), lambda text: "missing" if text == "if_not_present" else text),
+        "storage_opt": OPTIONS,
+        "ulimits": ULIMITS,
+        "volumes": ListOf(MOUNT, key=lambda volume: volume.get("target")),
+    }
 )
-PROVIDER = Section({"type": TEXT, "options": ANY}, required=("type",))
+_POOL = Section({**_keys(TEXT, "subnet ip_range gateway"), "aux_addresses": MapOf(TEXT)})
+_NAMED = {"name": TEXT, "external": Either(Section({"name": TEXT}), BOOL), "labels": Pairs()}
+_DRIVEN = {**_NAMED, "driver": TEXT, "driver_opts": OPTIONS}
+_GIVEN = {**_NAMED, "file": PathOf(), "environment": TEXT, "template_driver": TEXT}
+NETWORK = Section(
+    {
+        **_DRIVEN,
+        "ipam": Section({"driver": TEXT, "config": ListOf(_POOL), "options": MapOf(TEXT)}),
+        **_keys(BOOL, "internal enable_ipv4 enable_ipv6 attachable"),
+    },
+    finish=shorts.external,
+)
+INCLUDE = Section(
+    {**_keys(ONE_OR_MANY, "path env_file"), "project_directory": TEXT},
+    short=shorts.named("path"),
+    required=("path",),
+    extensible=False,
+)
+FILE = Section(
+    {
+        "version": NUMBER_OR_TEXT,
+        "name": TEXT,
+        "include": ListOf(INCLUDE),
+        "services": MapOf(SERVICE, null=True, extensible=False),
+        "networks": MapOf(NETWORK, null=True),
+        "volumes": MapOf(Section(_DRIVEN, finish=shorts.external), null=True),
+        "configs": MapOf(Section({**_GIVEN, "content": TEXT}, finish=shorts.external)),
+        "secrets": MapOf(Section({**_GIVEN, "driver": TEXT, "driver_opts": OPTIONS}, finish=shorts.external)),
+        "models": ANY,
+    }
+)

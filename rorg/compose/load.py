@@ -1,4 +1,4 @@
-"""From Compose files to a project, or all that is wrong with them."""
+"""Reads Compose files into a project, or reports everything that is wrong with them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from rorg.model.bounds import TooMuch
 from rorg.model.diagnostics import Diagnostic, Where
 
 Read = Callable[[Path], str]
-"""The text of a file; OSError or UnicodeDecodeError where there is none."""
+"""The text of a file. Raises OSError or UnicodeDecodeError."""
 FILE_NAMES = ("compose.yaml", "compose.yml", "docker-compose.yaml", "docker-compose.yml")
 NAME = "COMPOSE_PROJECT_NAME"
 OVERRIDE_NAMES = tuple(name.replace("compose.", "compose.override.") for name in FILE_NAMES)
@@ -34,14 +34,14 @@ def load(
     profiles: Sequence[str] = (),
     name: str | None = None,
 ) -> Loaded:
-    """The project that files say together, later ones over earlier ones.
+    """The project that these files make together, with later files over earlier ones.
 
-    `read`: by default what reads the folder of the first file, and what is named here (manifest/files.py).
-    `paths`: one directory stands for the compose.yaml in it (or compose.yml, docker-compose.yaml, docker-compose.yml),
-    with its compose.override.yaml. `environment`: of the process, which comes before `env_files` (default: `.env` in
-    the project's directory, if it is there). `directory`: where relative paths begin, by default that of the first
-    file. `profiles`: those that are enabled (else those of COMPOSE_PROFILES); "*" is all. `name`: of the project; else
-    COMPOSE_PROJECT_NAME, `name:` of the files, or the name of the directory.
+    `paths`: files, or one directory with a compose.yaml (or compose.yml, docker-compose.yaml, docker-compose.yml) and
+    perhaps a compose.override.yaml. `environment`: of the process; it takes precedence over `env_files`, which default
+    to an existing `.env` in the project's directory. `read`: by default, a reader of the first file's folder and of
+    the files named here (manifest/files.py). `directory`: base of relative paths, by default that of the first file.
+    `profiles`: enabled profiles (by default those of COMPOSE_PROFILES); "*" means all. `name`: of the project; by
+    default COMPOSE_PROJECT_NAME, `name:` of the files, or the name of the directory.
     """
     first = paths[0] if paths[0].is_dir() else paths[0].parent
     files = Files(read or Reader(directory or first, [*paths, *(env_files or ())]))
@@ -78,8 +78,8 @@ def _project(
     tree = assembler.tree(found, base, variables, Where(str(found[0])))
     if not re.fullmatch(r"[a-z0-9][a-z0-9_-]*", known):
         where = tree.mapping["name"].where if "name" in tree.mapping else Where(str(found[0]))
-        remedy = "lower-case letters, digits, - and _, first a letter or digit"
-        files.diagnostics.append(Diagnostic(where, f"'{known}' is no name of a project", remedy))
+        remedy = "lower-case letters, digits, - and _, starting with a letter or digit"
+        files.diagnostics.append(Diagnostic(where, f"'{known}' is not a valid name of a project", remedy))
     wanted = list(profiles) or [p for p in (variables.get("COMPOSE_PROFILES") or "").split(",") if p]
     project = normalised(tree, known, base, assembler, variables, wanted)
     files.diagnostics += check(project)
@@ -87,7 +87,7 @@ def _project(
 
 
 def _said_name(paths: Sequence[Path], files: Files, variables: Variables) -> str:
-    """What the last file says that says one; it is needed before files are read, since they may ask for it."""
+    """The last `name:` in the files. It is needed before they are read, because their variables may refer to it."""
     for path in reversed(paths):
         line = re.search(r"^name:.*$", files.texts.get(path) or "", re.MULTILINE) if files.there(path) else None
         documents = read_nodes(line[0], str(path))[0] if line else []
@@ -99,7 +99,7 @@ def _said_name(paths: Sequence[Path], files: Files, variables: Variables) -> str
 
 
 def _files(paths: Sequence[Path], files: Files) -> list[Path]:
-    """Those that a directory stands for; the given ones otherwise."""
+    """The Compose files of a directory, or the files themselves."""
     if len(paths) != 1 or not paths[0].is_dir():
         return list(paths)
     inside = paths[0]
@@ -109,5 +109,5 @@ def _files(paths: Sequence[Path], files: Files) -> list[Path]:
 
 
 def project_name(directory: Path) -> str:
-    """The name that Compose makes of that of a directory."""
+    """The project name that Compose derives from a directory."""
     return re.sub(r"[^a-z0-9_-]", "", directory.name.lower()).lstrip("_-") or "default"

@@ -1,10 +1,10 @@
-"""YAML of Compose files as nodes: values that know their places.
+"""YAML of Compose files as nodes: values that know where they are written.
 
-Compose reads YAML with anchors, aliases and merge keys (`<<`), scalars as below, and two tags of its own: `!reset`
-takes away what files before say, `!override` replaces it instead of merging. What comes by an alias or a merge key
-has the place where it is written. Scalars: true and false (also True, TRUE), null and ~; integers in decimal, 0x, 0o,
-0b, and octal with a leading 0; _ within digits; floats; a plain date is the text that Compose makes of it. All else
-is text: yes, no, on, off too.
+Compose reads YAML with anchors, aliases, merge keys (`<<`), and two tags of its own: `!reset` removes what earlier
+files say, `!override` replaces it instead of merging. A value from an alias or a merge key has the place where it is
+written. Scalars: true and false (also True, TRUE), null and ~; integers in decimal, 0x, 0o, 0b, and octal with a
+leading 0; _ within digits; floats; a plain date becomes the text that Compose makes of it. Everything else is text,
+including yes, no, on and off.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from rorg.manifest.yaml_source import check_depth
 from rorg.model.diagnostics import Diagnostic, Where
 
 MOST_VALUES = 50_000
-"""Of a whole project, with all that it brings together. The largest that people write have some thousand."""
+"""Limit for a whole project, with everything that it merges. The largest real ones have some thousand."""
 _Base = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
@@ -43,7 +43,7 @@ Scalar = str | int | float | bool | None
 
 @dataclass(slots=True)
 class Node:
-    """A value and where it stands. `value`: {key: Node}, [Node], or a scalar."""
+    """A value and its place. `value`: {key: Node}, [Node], or a scalar."""
 
     value: Any
     where: Where
@@ -52,9 +52,9 @@ class Node:
     tag: str = ""
     """`reset` or `override`."""
     taken: tuple[str, ...] = field(default=())
-    """Names of variables that were filled in."""
+    """Names of the variables that were filled in."""
     exact: bool = False
-    """A text on one line that stands there as it is: an offset in it is an offset of columns, from `where`."""
+    """Whether it is a text on one line, exactly as in the file: offsets in it are columns, counted from `where`."""
 
     @property
     def place(self) -> Where:
@@ -65,7 +65,7 @@ class Node:
 
     @property
     def mapping(self) -> dict[str, Node]:
-        """Its entries; none where it is no mapping."""
+        """The entries of a mapping; empty for other values."""
         return self.value if isinstance(self.value, dict) else {}
 
     @property
@@ -81,18 +81,18 @@ class Node:
         return self.value
 
     def size(self) -> int:
-        """How many values it has, with itself."""
+        """The number of values in it, including itself."""
         inner = self.value.values() if isinstance(self.value, dict) else self.items
         return 1 + sum(node.size() for node in inner)
 
     def kind(self) -> str:
-        """What it is, for messages."""
+        """The type of the value, for messages."""
         names: dict[type, str] = {dict: "a mapping", list: "a list", str: "text", bool: "true or false"}
         return names.get(type(self.value), "nothing" if self.value is None else "a number")
 
 
 def scalar(text: str) -> Scalar:
-    """What a plain scalar means."""
+    """The value of a plain scalar."""
     if text in _SPECIAL:
         return _SPECIAL[text]
     found = _INT.match(text)
@@ -143,7 +143,7 @@ class _Reader:
         plain = not node.style and (tag == "str" or node.tag in _TAGS)
         made.value = scalar(text) if plain or tag in ("int", "float", "bool", "null") else text
         if "\0" in text:
-            self.error(node, "a NUL character, which ends a text for the engine and for programs", "leaving it out")
+            self.error(node, "a NUL character, which ends a text for the engine and for programs", "removing it")
         same_line = node.start_mark.line == node.end_mark.line
         quotes = 0 if not node.style else 2
         made.exact = same_line and node.end_mark.column - node.start_mark.column == len(text) + quotes
@@ -166,7 +166,7 @@ class _Reader:
                 self.error(key_node, f"key {key} is not a text", f'"{key}"')
             if key in found:
                 line = found[key].place.line
-                self.error(key_node, f"key '{key}' appears twice in one mapping", f"dropping it here or in line {line}")
+                self.error(key_node, f"key '{key}' appears twice in one mapping", f"removing it here or in line {line}")
                 continue
             found[key] = value.but(value.value, key=self.where(key_node))
         for other in merged:
@@ -175,17 +175,17 @@ class _Reader:
         return found
 
     def merged(self, node: yaml.Node) -> Iterator[Node]:
-        """The mappings that a merge key brings, those that count more first."""
+        """The mappings of a merge key, in order of precedence."""
         for one in node.value if isinstance(node, yaml.SequenceNode) else [node]:
             if isinstance(one, yaml.MappingNode):
                 yield self.read(one)
             else:
-                self.error(one, "a merge key (<<) takes a mapping", "an alias of a mapping, or a list of these")
+                self.error(one, "a merge key (<<) takes a mapping", "an alias of a mapping, or a list of aliases")
 
 
 def _check_size(text: str) -> None:
-    """Raises YAMLError for more values than are read, before there is an object of each. Each value but the first has
-    one of these characters before it or behind."""
+    """Raises YAMLError for too many values, before an object of each exists. Every value but the first has one of these
+    characters directly before or after it."""
     if 2 * sum(map(text.count, ",[{-:?")) < MOST_VALUES:
         return
     count = 0
@@ -197,8 +197,7 @@ def _check_size(text: str) -> None:
 
 
 def read_nodes(text: str, file: str) -> tuple[list[Node], list[Diagnostic]]:
-    """The documents of a file, which Compose lays over each other, with all that is wrong with it as YAML. `file` is
-    only shown."""
+    """The documents of a file, which Compose merges, and its mistakes as YAML. `file` is used only in messages."""
     reader = _Reader(file)
     try:
         check_depth(text)

@@ -1,5 +1,5 @@
-"""What holds without being said: environments of services from their files and from outside, the default network, the
-engine's names of networks and volumes."""
+"""Adds what a project leaves out: environments from env files and from outside, the default network, the engine's names
+of networks and volumes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from rorg.model.diagnostics import Where
 def normalised(
     tree: Node, name: str, directory: Path, assembler: Assembler, variables: Variables, profiles: Sequence[str]
 ) -> Project:
-    """The project of a tree of canonical forms."""
+    """The project from a tree of canonical forms."""
     sections: dict[str, dict[str, Node]] = {
         key: dict(tree.mapping[key].mapping) if key in tree.mapping else {} for key in RESOURCES
     }
@@ -73,7 +73,7 @@ def _walk(path: Place, node: Node, places: dict[Place, Where], taken: dict[Place
 
 
 def _named(key: str, node: Node, project: str) -> Node:
-    """With the engine's name: the project's before it, unless it is somebody else's."""
+    """A node with the engine's name, which starts with the project's name unless it is external."""
     if "name" in node.mapping:
         return node
     outside = "external" in node.mapping
@@ -101,7 +101,7 @@ def _service(node: Node, assembler: Assembler, variables: Variables) -> Node:
 
 
 def _count_copies(service: Node, assembler: Assembler) -> None:
-    """Each copy of a service becomes a service of its own."""
+    """Counts each further copy of a service as a service of its own."""
     deploy = service.mapping.get("deploy")
     said = service.mapping.get("scale") or (deploy.mapping.get("replicas") if deploy else None)
     if said is not None and isinstance(said.value, int) and said.value > 1:
@@ -109,7 +109,7 @@ def _count_copies(service: Node, assembler: Assembler) -> None:
 
 
 def _mounted(secret: Node) -> Node:
-    """A secret is a file in /run/secrets where nothing else is said."""
+    """A secret without a target is mounted in /run/secrets."""
     source = secret.mapping.get("source")
     if source is None or "target" in secret.mapping:
         return secret
@@ -127,7 +127,7 @@ def _build(build: Node, variables: Variables) -> Node:
 
 
 def _environment(entries: dict[str, Node], assembler: Assembler, variables: Variables) -> Node | None:
-    """Env files in their order, and what is said over them."""
+    """The env files in their order, with `environment` over them."""
     said, files = entries.get("environment"), entries.get("env_file")
     if said is None and files is None:
         return None
@@ -160,7 +160,7 @@ def _of_file(file: Node, assembler: Assembler, variables: Variables, before: dic
 
 
 def _labels(entries: dict[str, Node], assembler: Assembler, variables: Variables) -> Node | None:
-    """Of `label_file`, and what is said over them."""
+    """The labels of `label_file`, with `labels` over them."""
     files = entries.get("label_file")
     if files is None:
         return None

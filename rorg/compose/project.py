@@ -1,17 +1,17 @@
-"""A Compose project as a value: all its files merged, filled in and brought into one form.
+"""A Compose project as a value: all its files merged, filled in and converted into one form.
 
-A section is a mapping from names to trees of plain values (dict, list, str, int, float, bool, None), with Compose's
-keys, of which only those are there that a file says. Short forms are gone. Per service:
+A section maps names to trees of plain values (dict, list, str, int, float, bool, None) with Compose's keys, but only
+those that a file sets. Short forms are expanded. Per service:
 
 | key | form |
 |---|---|
 | command, entrypoint, build.entitlements, dns, dns_search, tmpfs, cap_add, security_opt, ... | list of str |
 | environment, labels, annotations, sysctls, build.args, build.labels, build.additional_contexts | {name: str}; of |
-| | environment and build.args None for a bare name that nothing sets; env files are in environment already |
-| env_file | [{path: absolute, required: bool, format?: str}], kept so that one can tell where values came from |
+| | environment and build.args None for a bare name that is not set; environment includes the env files already |
+| env_file | [{path: absolute, required: bool, format?: str}], kept to show where values came from |
 | depends_on | {service: {condition: service_started, service_healthy or service_completed_successfully, |
 | | required: bool, restart?: bool}}; without what Compose adds for links, volumes_from and network_mode |
-| networks | {network: {aliases?, ipv4_address?, ...}}; {default: {}} where nothing is said and no network_mode is |
+| networks | {network: {aliases?, ipv4_address?, ...}}; {default: {}} without networks and network_mode |
 | ports | [{target: int, published?: str, host_ip?: str, protocol: str, mode: str, name?, app_protocol?}] |
 | volumes | [{type: bind, volume, tmpfs, npipe or cluster; source?, target, read_only?: bool, bind?, volume?, tmpfs?}] |
 | devices | [{source, target, permissions}] |
@@ -25,15 +25,15 @@ keys, of which only those are there that a file says. Short forms are gone. Per 
 | gpus | [{capabilities?, driver?, count?, device_ids?, options?}], as devices of deploy |
 | blkio_config | {weight: int, weight_device: [{path, weight}], device_read_bps: [{path, rate: int}], ...} |
 | logging | {driver?, options?: {name: str}} |
-| develop, credential_spec | as they are written, with types checked |
+| develop, credential_spec | as written, with types checked |
 
-Everywhere: amounts of memory and rates are int, in bytes; durations float, in seconds; paths of this machine absolute;
-`$$` is `$`. `x-` keys are there as written. Networks and volumes of the top: {name: the engine's name, driver?,
-driver_opts?: {name: str}, labels?, external?: bool, ipam?, internal?, attachable?, enable_ipv6?}; configs and secrets:
-{name, file?: absolute, environment?, content?, external?}. `networks` has `default` where a service is in it.
+Everywhere: amounts of memory and rates are int, in bytes; durations are float, in seconds; paths of this machine are
+absolute; `$$` is `$`; `x-` keys are kept as written. Networks and volumes of the top: {name: the engine's name,
+driver?, driver_opts?: {name: str}, labels?, external?: bool, ipam?, internal?, attachable?, enable_ipv6?}; configs and
+secrets: {name, file?: absolute, environment?, content?, external?}. `networks` has `default` if a service is in it.
 
-These are the forms of `docker compose config --format json` of Compose 2.26, but for units, `$$`, `env_file`, and
-services and resources that nothing enables, which that leaves out.
+These are the forms of `docker compose config --format json` of Compose 2.26, except for units, `$$`, `env_file`, and
+services and resources that are not enabled, which that command leaves out.
 """
 
 from __future__ import annotations
@@ -51,8 +51,8 @@ Place = tuple[str | int, ...]
 
 @dataclass(frozen=True, slots=True)
 class Variable:
-    """One that was filled in. `value`: None where nothing sets it. `file`: the env file that sets it; None where it
-    comes from the process's environment, or from nowhere."""
+    """A variable that was filled in. `value`: None if it is not set. `file`: the env file that sets it; None if it
+    comes from the process's environment, or is not set."""
 
     name: str
     value: str | None
@@ -61,13 +61,13 @@ class Variable:
 
 @dataclass(frozen=True, slots=True)
 class Project:
-    """Everything that a set of files says. All mappings are in the order of the files, and nobody changes them."""
+    """A set of Compose files. All mappings are in the order of the files, and must not be changed."""
 
     name: str
     directory: Path
-    """Where relative paths of the first file begin; absolute."""
+    """Absolute base of relative paths in the first file."""
     services: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    """All of them, whatever their profiles are."""
+    """All services, whatever their profiles."""
     networks: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     volumes: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     configs: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
@@ -75,21 +75,22 @@ class Project:
     extensions: Mapping[str, Any] = field(default_factory=dict)
     """`x-` keys of the top."""
     enabled: frozenset[str] = frozenset()
-    """Services that `docker compose up` would run with the profiles that were given."""
+    """Services that `docker compose up` would run with the given profiles."""
     profiles: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    """Of each service that has any: their names."""
+    """Service -> its profiles, if it has any."""
     files: tuple[Path, ...] = ()
-    """All that were read: Compose files, those of extends and include, env files."""
+    """All files that were read: Compose files, those of extends and include, env files."""
     places: Mapping[Place, Where] = field(default_factory=dict)
-    """Where each key of a mapping, and each item of a list, stands. Of what the reader adds (default networks, names)
-    nothing is there."""
+    """The place of each key of a mapping and each item of a list. What the reader adds (default networks, names) has no
+    place."""
     taken: Mapping[Place, tuple[str, ...]] = field(default_factory=dict)
-    """Which variables were filled in in a value. A bare name in environment or build.args takes the one of its name."""
+    """The variables filled in in each value. A bare name in environment or build.args takes the variable of its
+    name."""
     variables: Mapping[str, Variable] = field(default_factory=dict)
-    """All that `taken` names."""
+    """All variables in `taken`."""
 
     def where(self, *path: str | int) -> Where:
-        """The place of a value, or of the nearest one around it."""
+        """The place of a value, or of the nearest enclosing one."""
         for length in range(len(path), 0, -1):
             if path[:length] in self.places:
                 return self.places[path[:length]]
@@ -98,11 +99,11 @@ class Project:
 
 @dataclass(frozen=True, slots=True)
 class Loaded:
-    """What came of reading: a project only where no diagnostic is an error."""
+    """The result of reading: there is no project if a diagnostic is an error."""
 
     project: Project | None
     diagnostics: tuple[Diagnostic, ...] = ()
-    """All of them, errors and warnings, in the order of files and lines."""
+    """All errors and warnings, in the order of files and lines."""
 
     @property
     def errors(self) -> tuple[Diagnostic, ...]:

@@ -2,23 +2,98 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from decimal import Decimal, InvalidOperation
 from typing import Any
 
-from rorg.compose import units
 from rorg.compose.form import Context, Form
 from rorg.compose.nodes import Node
 from rorg.model.diagnostics import nearest
 
+_SIZE = re.compile(r"(-?[0-9]+(?:\.[0-9]+)?|-?\.[0-9]+) ?([kKmMgGtTpP]?)(?:i?[bB])?$")
+_POWERS = {"": 0, "k": 1, "m": 2, "g": 3, "t": 4, "p": 5}
+_DURATION = re.compile(r"(-?[0-9]*\.?[0-9]+)(ns|us|µs|μs|ms|s|m|h|d|w)")
+_SECONDS = {"ns": 1e-9, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ms": 1e-3, "s": 1.0, "m": 60.0, "h": 3600.0}
+_TRUE = {**dict.fromkeys(("true", "yes", "y", "on"), True), **dict.fromkeys(("false", "no", "n", "off"), False)}
+
+
+def size(text: str) -> int:
+    """Bytes of `512`, `50M`, `1.5gb`, `64 KiB`: all units are powers of 1024, as in Compose. Raises ValueError."""
+    found = _SIZE.match(text.strip())
+    if not found:
+        raise ValueError(f"'{text}' is not an amount of memory")
+    return int(Decimal(found[1]) * 1024 ** _POWERS[found[2].lower()])
+
+
+def duration(text: str) -> float:
+    """Seconds of `90s`, `1m30s`, `1h`. Raises ValueError."""
+    total, at = 0.0, 0
+    for found in _DURATION.finditer(text):
+        if found.start() != at or found[2] not in _SECONDS:
+            break
+        total, at = total + float(found[1]) * _SECONDS[found[2]], found.end()
+    if text == "0":
+        return 0.0
+    if not text or at != len(text):
+        raise ValueError(f"'{text}' is not a duration")
+    return round(total, 9)
+
+
+def boolean(text: str) -> bool:
+    """Whether a text means true. Raises ValueError."""
+    try:
+        return _TRUE[text.lower()]
+    except KeyError:
+        raise ValueError(f"'{text}' is neither true nor false") from None
+
+
+def integer(text: str) -> int:
+    """An integer in decimal digits, perhaps with a sign. Raises ValueError."""
+    if not re.fullmatch(r"[-+]?[0-9]{1,19}", text):
+        raise ValueError(f"'{text}' is not a whole number")
+    return int(text)
+
+
+def number(text: str) -> float:
+    """A decimal number. Raises ValueError."""
+    try:
+        return float(Decimal(text))
+    except (InvalidOperation, ValueError, OverflowError):
+        raise ValueError(f"'{text}' is not a number") from None
+
+
+def shown(value: object) -> str:
+    """A scalar as Compose converts it to text: true, 5, 1.5; whole floats have no decimal point."""
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, float):
+        return _float(value)
+    return str(value)
+
+
+def _float(value: float) -> str:
+    text = repr(value)
+    mantissa, _, power = text.partition("e")
+    exponent = int(power) if power else 0
+    if exponent >= 21 or exponent < -5:
+        return f"{mantissa.removesuffix('.0')}e{exponent:+03d}"
+    if abs(value) < 1e-4 and value:
+        mantissa, _, power = f"{value:e}".partition("e")
+        return f"{mantissa.rstrip('0').rstrip('.')}e{int(power):+03d}"
+    return format(Decimal(text), "f").removesuffix(".0")
+
 
 @dataclass(frozen=True)
 class Scalar(Form):
-    """A text or number that `convert` turns into its value (ValueError: why not)."""
+    """A text or number, converted by `convert`, which raises ValueError with the reason if it cannot."""
 
     wanted: str
     types: tuple[type, ...]
-    """What YAML may say: of bool only where it is among them."""
+    """Accepted YAML types; bool only if it is listed."""
     convert: Callable[[Any], Any] = lambda value: value
     one_of: tuple[str, ...] = ()
 
@@ -41,40 +116,40 @@ class Scalar(Form):
         return node.but(value)
 
     def otherwise(self, value: object) -> str:
-        """A remedy for a value of another type."""
+        """A remedy for a value of a wrong type."""
         if str not in self.types or not isinstance(value, int | float | bool):
             return ""
-        return self.wanted if self.convert is units.duration else f'"{units.shown(value)}"'
+        return self.wanted if self.convert is duration else f'"{shown(value)}"'
 
 
 def _size(value: Any) -> int:
-    return units.size(value) if isinstance(value, str) else int(value)
+    return size(value) if isinstance(value, str) else int(value)
 
 
 def _whole(value: Any) -> int:
     if isinstance(value, float) and value != int(value):
         raise ValueError(f"{value} is not a whole number")
-    return units.integer(value) if isinstance(value, str) else int(value)
+    return integer(value) if isinstance(value, str) else int(value)
 
 
 TEXT = Scalar("text", (str,))
-LOOSE = Scalar("text, a number, true or false", (str, int, float, bool), units.shown)
-NUMBER_OR_TEXT = Scalar("text or a number", (str, int, float), units.shown)
-BOOL = Scalar("true or false", (bool, str), lambda v: units.boolean(v) if isinstance(v, str) else v)
+LOOSE = Scalar("text, a number, true or false", (str, int, float, bool), shown)
+NUMBER_OR_TEXT = Scalar("text or a number", (str, int, float), shown)
+BOOL = Scalar("true or false", (bool, str), lambda v: boolean(v) if isinstance(v, str) else v)
 INT = Scalar("a whole number", (int, float, str), _whole)
-FLOAT = Scalar("a number", (int, float, str), lambda v: units.number(v) if isinstance(v, str) else float(v))
+FLOAT = Scalar("a number", (int, float, str), lambda v: number(v) if isinstance(v, str) else float(v))
 SIZE = Scalar("an amount of memory, as 512m", (int, float, str), _size)
-DURATION = Scalar("a duration, as 1m30s", (str,), units.duration)
+DURATION = Scalar("a duration, as 1m30s", (str,), duration)
 
 
 def one_of(*names: str) -> Scalar:
-    """A text that is one of these."""
+    """One of these texts."""
     return Scalar(f"one of {', '.join(names)}", (str,), one_of=names)
 
 
 @dataclass(frozen=True)
 class PathOf(Scalar):
-    """A path of this machine, made absolute, but for what `kept` takes for something else."""
+    """A path of this machine, made absolute unless `kept` recognizes it as something else."""
 
     wanted: str = "a path"
     types: tuple[type, ...] = (str,)

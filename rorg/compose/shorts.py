@@ -1,4 +1,4 @@
-"""Short forms of Compose files, each as its long one."""
+"""Expands short forms of Compose files into their long forms."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _MOUNT_FLAGS = (*PROPAGATION, "ro", "rw", "z", "Z", "nocopy", "cached", "delegat
 
 
 def made(node: Node, value: Any) -> Node:
-    """Plain values as nodes, all at the place of the node that they are made from."""
+    """Plain values as nodes, all at the place of the node that they come from."""
     if isinstance(value, dict):
         return node.but({key: _inner(node, one) for key, one in value.items()}, tag="")
     return _inner(node, value)
@@ -51,7 +51,7 @@ def named(key: str) -> Any:
 
 
 def depends_on(node: Node, name: str, context: Context) -> Node | None:
-    """`[SERVICE]`: each started before."""
+    """`[SERVICE]`: each of them is started first."""
     if not isinstance(node.value, list):
         context.error(node, f"{name} is {node.kind()}, and must be a list of services, or a mapping")
         return None
@@ -66,7 +66,7 @@ def depends_on(node: Node, name: str, context: Context) -> Node | None:
 
 
 def ports(node: Node, name: str, context: Context) -> list[Node]:
-    """`[[IP:]PUBLISHED:]TARGET[/PROTOCOL]`, where both may be ranges; one long form for each port."""
+    """`[[IP:]PUBLISHED:]TARGET[/PROTOCOL]`, where both may be ranges: one long form for each port."""
     if isinstance(node.value, dict):
         return [node]
     text = str(node.value) if isinstance(node.value, str | int) else ""
@@ -77,7 +77,7 @@ def ports(node: Node, name: str, context: Context) -> list[Node]:
         return []
     targets, published = _range(found["target"]), _range(found["published"])
     if targets is None or published is None or (len(targets) > 1 and len(published) not in (0, len(targets))):
-        context.error(node, f"{name}: the ranges of '{text}' do not fit", "ranges of one length, within 1-65535")
+        context.error(node, f"{name}: the ranges of '{text}' do not fit", "ranges of equal length, within 1-65535")
         return []
     context.spend(5 * len(targets), node.where)
     fixed: dict[str, Any] = {"mode": "ingress", "protocol": found["protocol"] or "tcp"}
@@ -92,7 +92,7 @@ def ports(node: Node, name: str, context: Context) -> list[Node]:
 
 
 def _range(text: str | None) -> list[int] | None:
-    """The ports of `8000` or `8000-8010`; None where these are none."""
+    """The ports of `8000` or `8000-8010`; None if they are not valid."""
     if not text:
         return []
     first, _, last = text.partition("-")
@@ -101,12 +101,12 @@ def _range(text: str | None) -> list[int] | None:
 
 
 def is_path(source: str) -> bool:
-    """Of a short form of a volume: a path, and no name."""
+    """Whether the source of a volume's short form is a path instead of a name."""
     return source.startswith((".", "/", "~"))
 
 
 def volume(node: Node, name: str, context: Context) -> Node | None:
-    """`[SOURCE:]TARGET[:FLAG,...]`. A source that does not begin with `.`, `/` or `~` is the name of a volume."""
+    """`[SOURCE:]TARGET[:FLAG,...]`. A source that does not start with `.`, `/` or `~` is the name of a volume."""
     text = _text(node, name, context, "text or a mapping")
     if text is None:
         return None
@@ -120,7 +120,7 @@ def volume(node: Node, name: str, context: Context) -> Node | None:
     flags = rest[0].split(",") if rest else []
     for flag in flags:
         if flag not in _MOUNT_FLAGS:
-            context.error(node, f"{name}: '{flag}' is no flag of a volume", f"one of {', '.join(_MOUNT_FLAGS)}")
+            context.error(node, f"{name}: '{flag}' is not a flag of volumes", f"one of {', '.join(_MOUNT_FLAGS)}")
             return None
     found: dict[str, Any] = {"source": source, "target": target}
     if "ro" in flags:
@@ -150,7 +150,7 @@ def device(node: Node, name: str, context: Context) -> Node | None:
 
 
 def whole_device(node: Node, name: str, context: Context) -> Node:  # noqa: ARG001
-    """A long form, with what it does not say."""
+    """Completes a long form."""
     entries = dict(node.value)
     if "source" in entries:
         entries.setdefault("target", entries["source"])
@@ -158,7 +158,7 @@ def whole_device(node: Node, name: str, context: Context) -> Node:  # noqa: ARG0
 
 
 def count(value: Any) -> int:
-    """Of devices: a number, or `all`, which is -1. Raises ValueError."""
+    """A number of devices; `all` is -1. Raises ValueError."""
     if value == "all":
         return -1
     if isinstance(value, str) and not re.fullmatch("[0-9]+", value):
@@ -167,7 +167,7 @@ def count(value: Any) -> int:
 
 
 def health_test(node: Node, name: str, context: Context) -> Node | None:
-    """A line is run by a shell."""
+    """A single line, which a shell runs."""
     text = _text(node, name, context, "text or a list")
     return None if text is None else made(node, ["CMD-SHELL", text])
 
@@ -187,14 +187,14 @@ def hosts(node: Node, name: str, context: Context) -> Node | None:
             continue
         host, separator, address = re.match(r"([^=:]*)([=:]?)(.*)", read.value, re.DOTALL).groups()  # type: ignore[union-attr]
         if not host or not separator or not address:
-            context.error(item, f"{name}: '{read.value}' names no host with an address", "HOST=ADDRESS")
+            context.error(item, f"{name}: '{read.value}' is not a host with an address", "HOST=ADDRESS")
             continue
         found.append(read.but(f"{host}={address.strip('[]')}"))
     return node.but(found)
 
 
 def external(node: Node, name: str, context: Context) -> Node:
-    """`external: {name: NAME}` of old files is `external: true` with that name."""
+    """`external: {name: NAME}` of old files means `external: true` with that name."""
     entries = dict(node.value)
     outside = entries.get("external")
     if outside is not None and isinstance(outside.value, dict):
@@ -206,8 +206,8 @@ def external(node: Node, name: str, context: Context) -> Node:
     if "external" in entries:
         for key, value in entries.items():
             if key not in ("name", "external") and not key.startswith("x-"):
-                message = f"{name} is external, and says '{key}', which whoever made it has said"
-                context.error(value, message, f"dropping '{key}' or 'external'", key=True)
+                message = f"{name} is external, so it cannot have '{key}' here"
+                context.error(value, message, f"removing '{key}' or 'external'", key=True)
     return node.but(entries)
 
 

@@ -1,4 +1,4 @@
-"""Variables of a project: where their values come from, and filling them in in the values of a file."""
+"""Variables of a project: where their values come from, and filling them in."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from rorg.compose.form import Suggestions
 from rorg.compose.nodes import MOST_VALUES, Node
 from rorg.compose.project import Variable
-from rorg.compose.suggestions import Suggestions
 from rorg.manifest.dotenv import read_dotenv
 from rorg.manifest.files import Outside
 from rorg.manifest.template import Refused, interpolate
@@ -16,13 +16,13 @@ from rorg.model.bounds import TooMuch
 from rorg.model.diagnostics import Diagnostic, Where
 
 OF_A_VALUE, OF_A_FILE = 64, 32
-"""Characters of variables that are filled in, and of an env file, that count as one value."""
+"""Characters of filled-in variables, and of an env file, that count as one value."""
 MISSING = (FileNotFoundError, NotADirectoryError, IsADirectoryError)
 
 
 @dataclass
 class Files:
-    """Reads files, each at most once, and notes what cannot be read. Counts what a project brings together."""
+    """Reads each file once, reports unreadable ones, and counts the values of the project."""
 
     read: Callable[[Path], str]
     diagnostics: list[Diagnostic] = field(default_factory=list)
@@ -31,15 +31,15 @@ class Files:
     near: Suggestions = field(default_factory=Suggestions)
 
     def spend(self, values: int, where: Where) -> None:
-        """Raises TooMuch where a project has more values than anybody writes: files that include each other over and
-        over, a service that is extended a thousand times."""
+        """Raises TooMuch for more values than anyone writes: files that include each other again and again, a service
+        that is extended a thousand times."""
         self.spent += values
         if self.spent > MOST_VALUES:
             message = f"with what it includes, extends and fills in, the project has more than {MOST_VALUES} values"
             raise TooMuch(where, message)
 
     def text(self, path: Path, where: Where, what: str) -> str | None:
-        """None where there is no such file, which is then noted at `where`, for everyone who names it."""
+        """The text of a file; None if it cannot be read, which is reported at `where` for everything that names it."""
         if path not in self.texts:
             self.texts[path] = None
             try:
@@ -47,15 +47,15 @@ class Files:
             except (OSError, UnicodeError) as error:
                 why = error.strerror if isinstance(error, OSError) else "not a text in UTF-8"
                 named = f"--read {path}, if you trust the project"
-                remedy = named if isinstance(error, Outside) else "a path that is there"
+                remedy = named if isinstance(error, Outside) else "the path of an existing file"
                 self.diagnostics.append(Diagnostic(where, f"cannot read {what} {path}: {why}", remedy))
         elif self.texts[path] is None:
             message = f"cannot read {what} {path}"
-            self.diagnostics.append(Diagnostic(where, message, "a path that is there"))
+            self.diagnostics.append(Diagnostic(where, message, "the path of an existing file"))
         return self.texts[path]
 
     def there(self, path: Path) -> bool:
-        """Whether there is such a file. One that cannot be read is there; text() says what is wrong with it."""
+        """Whether the file exists. An unreadable file exists; text() reports why it cannot be read."""
         if path not in self.texts:
             try:
                 self.texts[path] = self.read(path)
@@ -68,14 +68,14 @@ class Files:
 
 @dataclass
 class Variables:
-    """Values for interpolation. What the process's environment says holds before env files."""
+    """Values for interpolation. The process's environment takes precedence over env files."""
 
     environment: Mapping[str, str]
     of_files: dict[str, tuple[str, Where]] = field(default_factory=dict)
     asked: dict[str, Variable] = field(default_factory=dict)
-    """All that anything took."""
+    """All variables that were used."""
     spend: Callable[[int, Where], None] = lambda _values, _where: None
-    """Counts values that are filled in."""
+    """Counts the values that are filled in."""
 
     def get(self, name: str) -> str | None:
         value = self.environment.get(name)
@@ -84,7 +84,7 @@ class Variables:
         return value
 
     def take(self, name: str, where: Where) -> str | None:
-        """The same, noted as taken. `where`: by whom."""
+        """The value, noted as used at `where`."""
         value = self.get(name)
         self.spend(len(value or "") // OF_A_VALUE, where)
         from_file = name not in self.environment and name in self.of_files
@@ -92,13 +92,13 @@ class Variables:
         return value
 
     def add_file(self, path: Path, text: str, diagnostics: list[Diagnostic]) -> None:
-        """Later files hold before earlier ones."""
+        """Adds the variables of an env file, which override those of earlier files."""
         for name, (value, where, _) in read_env_file(path, text, self, diagnostics).items():
             if value is not None:
                 self.of_files[name] = (value, where)
 
     def within(self) -> Variables:
-        """For files that are included: the same, to which their own env files add only what is not set yet."""
+        """The variables of an included file: its own env files can only add names that are not set yet."""
         every = {name: value for name, (value, _) in self.of_files.items()} | dict(self.environment)
         return Variables(every, {}, self.asked, self.spend)
 
@@ -111,8 +111,8 @@ def read_env_file(
     raw: bool = False,
     before: Mapping[str, str] | None = None,
 ) -> dict[str, tuple[str | None, Where, bool]]:
-    """Of each name the value, its place, and whether it is a bare name. `raw`: lines NAME=value as they stand, as
-    Docker reads them (`format: raw`). `before`: what earlier files of the same service say."""
+    """Name -> its value, its place, and whether it is a bare name. `raw`: NAME=value lines are read literally, as
+    Docker does (`format: raw`). `before`: values from earlier files of the same service."""
     variables.spend(len(text) // OF_A_FILE, Where(str(path)))
     if raw:
         return _raw(path, text, variables)
@@ -145,15 +145,15 @@ def _raw(path: Path, text: str, variables: Variables) -> dict[str, tuple[str | N
 
 
 def unset(name: str, where: Where) -> Diagnostic:
-    """The warning that Compose gives, too."""
-    message = f"variable {name} is not set, so that it is empty here"
+    """The same warning that Compose gives."""
+    message = f"variable {name} is not set, so it is empty here"
     return Diagnostic(
         where, message, f"a value of {name} in .env or the environment, or ${{{name}:-default}}", "warning"
     )
 
 
 def fill(node: Node, variables: Variables, diagnostics: list[Diagnostic]) -> Node:
-    """The same with its variables filled in; what cannot be stays as it is, and is told."""
+    """A node with its variables filled in. Texts that cannot be filled in stay as they are, and are reported."""
     if isinstance(node.value, dict):
         return node.but({key: fill(value, variables, diagnostics) for key, value in node.value.items()})
     if isinstance(node.value, list):
@@ -172,7 +172,7 @@ def fill(node: Node, variables: Variables, diagnostics: list[Diagnostic]) -> Nod
 
 
 def bare(name: str, node: Node, variables: Variables) -> Node:
-    """A name without a value has that from outside."""
+    """A name without a value, with its value from outside."""
     if node.value is not None:
         return node
     return node.but(variables.take(name, node.where), taken=(name,))

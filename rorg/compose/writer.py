@@ -1,33 +1,33 @@
-"""A robot as a Compose file, without its requests: services with every option of their containers, how their images
-are built, and the networks and volumes that they name.
+"""Writes a robot as a Compose file, without its requests: services with all options of their containers, how their
+images are built, and the networks and volumes that they name.
 
-What a Compose file cannot say is a Note: `rorg export compose` writes these into the file as comments.
+What a Compose file cannot say becomes a Note, which `rorg export compose` writes into the file as a comment.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-from rorg.compose.exported import Exported
-from rorg.compose.writer_dotenv import dotenv
-from rorg.compose.writer_images import build, only_bases
+from rorg.compose.writer_images import base_images, build
 from rorg.compose.writer_notes import condition, notes_of
-from rorg.compose.writer_objects import sections
 from rorg.compose.writer_options import OPTIONS, SOCKET, Writing
+from rorg.compose.writer_text import Exported
 from rorg.model.catalog import Catalog, Service
 from rorg.model.image_names import declared, stem
+from rorg.model.objects import EngineObject, Kind
+from rorg.model.volumes import is_path
 
 RESTART = {"always": "unless-stopped", "on-failure": "on-failure"}
-"""What rorg does when a service ends -> what the engine is to do. Nothing for `never`."""
+"""rorg's `restart` -> that of Compose. `never` has none."""
 BUILD = "build"
-"""The profile of images that no service is made from, but other images are."""
+"""The profile of images that only other images are based on."""
 
 
 def export(catalog: Catalog, base: str, name: str) -> Exported:
-    """The whole robot. `base` is the absolute directory that the Compose file is for: paths below it, or below the one
-    above it, are relative to it. `name` is that of the project, made of any text."""
+    """The whole robot. `base`: absolute directory of the Compose file; paths below it or its parent are written
+    relative to it. `name`: any text, from which the project's name is made."""
     services = {n: s for n, s in sorted(catalog.services.items()) if s.spec is not None}
     containers = {s.container_name: n for n, s in services.items()}
     networks = sections("network", catalog.networks, services.values())
@@ -39,7 +39,7 @@ def export(catalog: Catalog, base: str, name: str) -> Exported:
         document["services"][service.name] = _service(writing, service, catalog)
         notes += writing.notes
         files |= writing.files
-    for image in only_bases(catalog, services):
+    for image in base_images(catalog, services):
         document["services"][f"image-{stem(image.name)}"] = {
             "image": image.name,
             "build": build(image, catalog.images, base),
@@ -50,7 +50,7 @@ def export(catalog: Catalog, base: str, name: str) -> Exported:
 
 
 def project(name: str) -> str:
-    """A project's name, as Compose allows them: small letters, digits, - and _, and no sign before the first letter."""
+    """A valid name of a Compose project: lower-case letters, digits, - and _, starting with a letter or digit."""
     return re.sub(r"^[^a-z0-9]+", "", re.sub(r"[^a-z0-9_-]+", "-", name.lower())) or "robot"
 
 
@@ -70,10 +70,10 @@ def _service(writing: Writing, service: Service, catalog: Catalog) -> Mapping[st
         spec["network_mode"] = "bridge"
     for option in sorted(spec):
         OPTIONS[option](writing, option, spec[option])
-    if "deploy" in writing.section and "mem_reservation" in spec:  # Compose wants it said in both places, or in one
+    if "deploy" in writing.section and "mem_reservation" in spec:  # Compose wants both to agree
         writing.section["deploy"]["resources"]["reservations"]["memory"] = str(spec["mem_reservation"])
     if SOCKET in spec.get("environment", {}):
-        writing.note("may_request", "no rorg is there to be asked: its socket and RORG_SOCKET are left out")
+        writing.note("may_request", "rorg does not run here, so its socket and RORG_SOCKET are left out")
     image = catalog.images.get(declared(str(spec["image"]), catalog.images))
     if image is not None:
         writing.put("image", image.name)
@@ -92,7 +92,7 @@ def _ordered(section: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _needs(service: Service, catalog: Catalog) -> dict[str, Any]:
-    """Its needs; for a meta-service, which is no container, what that needs."""
+    """The needs of a service. A meta-service has no container, so its own needs replace it."""
     found: dict[str, Any] = {}
     pending, seen = list(service.needs), set[str]()
     while pending:
@@ -112,3 +112,55 @@ def _needs(service: Service, catalog: Catalog) -> dict[str, Any]:
 def _keys(section: Mapping[str, Any]) -> dict[str, str]:
     """The engine's name -> the key in the Compose file."""
     return {one["name"]: key for key, one in section.items()}
+
+
+_PLAIN = re.compile(r"[A-Za-z0-9_./:@%+,=-]*")
+_ESCAPES = {"\\": "\\\\", '"': '\\"', "$": "\\$", "\n": "\\n", "\r": "\\r", "\t": "\\t"}
+
+
+def dotenv(values: Mapping[str, str]) -> str:
+    """One line for each value, quoted if Compose would otherwise change it."""
+    return "".join(f"{name}={_quoted(value)}\n" for name, value in sorted(values.items()))
+
+
+def _quoted(value: str) -> str:
+    if _PLAIN.fullmatch(value):
+        return value
+    if "'" not in value and "\n" not in value and "\r" not in value and "\\" not in value:
+        return f"'{value}'"
+    return '"' + "".join(_ESCAPES.get(sign, sign) for sign in value) + '"'
+
+
+ENGINES_OWN = ("host", "none", "bridge", "default")
+"""Networks that always exist."""
+
+
+def sections(kind: Kind, declared: Mapping[str, EngineObject], services: Iterable[Service]) -> dict[str, Any]:
+    """All declared objects, by their names in the tree, and all others that services name, by the engine's names. Such
+    a network must exist already; a volume is created if it is missing."""
+    found = {name: _declared(one) for name, one in declared.items()}
+    known = {one.called for one in declared.values()}
+    named = _networks if kind == "network" else _volumes
+    for name in sorted({name for service in services for name in named(service.spec or {})} - known):
+        key = name if name not in found else f"{name}-external"
+        found[key] = {"name": name, "external": True} if kind == "network" else {"name": name}
+    return dict(sorted(found.items()))
+
+
+def _declared(one: EngineObject) -> dict[str, Any]:
+    return {"name": one.called, "external": True} if one.external else {"name": one.called, **one.spec}
+
+
+def _networks(spec: Mapping[str, Any]) -> Iterator[str]:
+    """Networks that a container joins. A network_mode needs no declaration here: Compose passes it on."""
+    yield from (name for name in spec.get("networks") or () if name not in ENGINES_OWN)
+
+
+def _volumes(spec: Mapping[str, Any]) -> Iterator[str]:
+    for value in spec.get("volumes", ()):
+        if isinstance(value, Mapping):
+            name = (value.get("source") or "") if value["type"] == "volume" else ""
+        else:
+            name = value.partition(":")[0] if ":" in value else ""
+        if name and not is_path(name) and not name.startswith("$"):
+            yield name

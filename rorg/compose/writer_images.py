@@ -13,14 +13,14 @@ from rorg.model.image_names import declared
 CARRIED = {
     *("name", "context", "dockerfile", "args", "target", "platform", "stand_ins", "cache_from", "inline", "secrets"),
 }
-"""Fields of an Image that are in the file; `import_command` has a note."""
+"""Fields of an Image that the file contains; `import_command` has a note."""
 DERIVED = {"directory", "where", "bases", "reference"}
-"""Those that follow from others."""
+"""Fields that follow from others."""
 
 
 def build(image: Image, images: Mapping[str, Image], base: str) -> dict[str, Any]:
-    """How Compose is to build an image. `base`: absolute directory of the Compose file. A secret argument has no value
-    in the file, and comes from the environment of Compose."""
+    """How Compose builds an image. `base`: absolute directory of the Compose file. A secret argument has no value in
+    the file; Compose takes it from its environment."""
     found: dict[str, Any] = {"context": beside(image.context or ".", base)}
     if image.inline:
         found["dockerfile_inline"] = image.inline
@@ -41,7 +41,7 @@ def build(image: Image, images: Mapping[str, Image], base: str) -> dict[str, Any
 
 
 def _context(reference: str, images: Mapping[str, Image], base: str) -> str:
-    """What stands for a name in a Dockerfile: a directory, or an image."""
+    """What a name in a Dockerfile refers to: a directory, or an image."""
     image = images.get(declared(reference, images))
     if image is not None and is_directory(image):
         return beside(image.context or ".", base)
@@ -49,12 +49,12 @@ def _context(reference: str, images: Mapping[str, Image], base: str) -> str:
 
 
 def is_directory(image: Image) -> bool:
-    """Whether it is nothing but the files of a directory, which an additional context has become."""
+    """Whether it contains just the files of a directory: rorg's form of an additional context."""
     return image.inline == FILES
 
 
-def only_bases(catalog: Catalog, services: Mapping[str, Service]) -> Iterator[Image]:
-    """Images that are built, and from which no service is made."""
+def base_images(catalog: Catalog, services: Mapping[str, Service]) -> Iterator[Image]:
+    """Images that are built only because other images need them."""
     used = {declared(str((s.spec or {})["image"]), catalog.images) for s in services.values()}
     for name, image in sorted(catalog.images.items()):
         if name not in used and image.context is not None and not is_directory(image):

@@ -1,11 +1,12 @@
-"""What manifests say and no Compose file can: one row for each, so that nothing is dropped in silence."""
+"""Notes on everything in manifests that a Compose file cannot say: one row for each field, so that none is
+forgotten."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from rorg.compose.exported import Note
 from rorg.compose.writer_images import is_directory
+from rorg.compose.writer_text import Note
 from rorg.model.catalog import DEVELOPER, Catalog, Idle, Probe, Service, Updating
 from rorg.model.graph import parents_first, stands_on
 from rorg.model.image_names import declared, stem
@@ -24,11 +25,11 @@ def _idle(service: Service) -> str:
     idle = service.idle
     if idle == Idle():
         return ""
-    return f"{idle.action} after {format_duration(idle.linger)}; Compose never ceases a service that nobody uses"
+    return f"{idle.action} after {format_duration(idle.linger)}; Compose never stops a service that is not in use"
 
 
 def condition(ready: Probe | None) -> str:
-    """What Compose calls it that a service is waited for so."""
+    """The condition of `depends_on` for a service with this readiness."""
     if ready is not None and any(probe.kind == "engine" for probe in ready.questions):
         return "service_healthy"
     if ready is not None and ready.completed:
@@ -41,12 +42,12 @@ def _ready(service: Service) -> str:
         return ""
     if condition(service.ready) != "service_started":
         others = [str(probe) for probe in service.ready.questions if probe.kind not in ("engine", "completed")]
-        return f"{' and '.join(others)}; Compose waits for the healthcheck alone" if others else ""
-    return f"{service.ready}; who depends on it waits for its start alone. A healthcheck would do more"
+        return f"{' and '.join(others)}; Compose waits only for the healthcheck" if others else ""
+    return f"{service.ready}; Compose waits only for its start. A healthcheck would do more"
 
 
 def _update(service: Service) -> str:
-    return "" if service.update == Updating() else "Compose replaces a changed service at once, and never goes back"
+    return "" if service.update == Updating() else "Compose replaces a changed service immediately, and never goes back"
 
 
 def _names(names: tuple[str, ...]) -> str:
@@ -64,26 +65,29 @@ SERVICE: tuple[tuple[str, Say], ...] = (
     ("idle", _idle),
     ("update", _update),
     ("ready", _ready),
-    ("live", lambda s: f"{s.live}; Compose restarts nothing that hangs" if s.live else ""),
-    ("interlock", lambda s: f"{s.interlock}; Compose asks nobody before it touches a container" if s.interlock else ""),
+    ("live", lambda s: f"{s.live}; Compose does not restart a service that hangs" if s.live else ""),
+    (
+        "interlock",
+        lambda s: f"{s.interlock}; Compose has no check before it touches a container" if s.interlock else "",
+    ),
     ("protected", lambda s: "Compose stops any service" if s.protected else ""),
-    ("devices", lambda s: "Compose waits for none of them, and stops nothing when one goes" if s.devices else ""),
+    ("devices", lambda s: "Compose does not wait for devices, or stop services without them" if s.devices else ""),
     ("ros", lambda s: f"{_names(tuple(s.ros.values))}; Compose sets no parameters" if s.ros else ""),
-    ("on_change", lambda s: f"{s.on_change}; Compose does not look at files" if s.on_change != "restart" else ""),
+    ("on_change", lambda s: f"{s.on_change}; Compose does not watch files" if s.on_change != "restart" else ""),
     ("priority", lambda s: str(s.priority) if s.priority != 50 else ""),
     ("resources", lambda s: _resources(s)),
     ("labels", lambda s: ", ".join(f"{k}: {v}" for k, v in sorted(s.labels.items()))),
 )
-"""Field of a Service -> what is lost of it; empty where it says nothing. Labels are those of metadata."""
+"""Field of a Service -> what is lost of it; empty if it is not set. `labels` are those of metadata."""
 ELSEWHERE = {
     *("name", "spec", "needs", "joins", "restarts_with", "restart", "secrets", "description"),
     *("meta", "cpu", "memory", "driver", "unplugged", "defaults", "origins", "where"),
 }
-"""Fields of a Service that are in the file, or are part of another one's row."""
+"""Fields of a Service that the file contains, or that another field's row covers."""
 
 
 def notes_of(catalog: Catalog) -> Iterator[Note]:
-    """Of the robot first, then service by service."""
+    """Notes on the robot first, then service by service."""
     for request in catalog.requests:
         names = " ".join(request.services)
         yield Note("", "Request", f"{request.id} of {request.requester}: `docker compose up --detach {names}`")
@@ -106,11 +110,11 @@ def _policy(catalog: Catalog) -> Iterator[Note]:
     policy = catalog.policy
     said = {"budget": policy.budget, "pressure": policy.pressure, "resources": policy.resources}
     if found := [name for name, value in said.items() if value]:
-        yield Note("", "Policy", f"{', '.join(found)}: Compose looks after no machine")
+        yield Note("", "Policy", f"{', '.join(found)}: Compose does not manage the machine")
 
 
 def _unhealthy(service: Service) -> Iterator[Note]:
-    """Compose waits for ever for a service whose image has no check."""
+    """Notes that Compose would wait forever for a service whose image has no health check."""
     if condition(service.ready) == "service_healthy" and not (service.spec or {}).get("healthcheck"):
         yield Note(service.name, "spec.ready", "healthy by the check that its image must have", lost=False)
 
@@ -121,10 +125,10 @@ def _images(catalog: Catalog) -> Iterator[Note]:
     made = {declared(str(s.spec["image"]), catalog.images): n for n, s in sorted(catalog.services.items()) if s.spec}
     built = [n for n in parents_first(catalog.images) if n in needed and catalog.images[n].context is not None]
     if bases := [made.get(n, f"image-{stem(n)}") for n in built if not is_directory(catalog.images[n])]:
-        text = f"Compose knows no order of builds; first `docker compose build`, one by one: {', '.join(bases)}"
+        text = f"Compose does not order builds; first run `docker compose build` for each of: {', '.join(bases)}"
         yield Note("", "Image", text, lost=False)
     for name, image in sorted(catalog.images.items()):
         if image.import_command:
-            yield Note("", "Image", f"{name} is what a command writes: `{' '.join(image.import_command)}`")
+            yield Note("", "Image", f"{name} is the output of a command: `{' '.join(image.import_command)}`")
         if image.secrets:
             yield Note("", "Image", f"{name}: {', '.join(image.secrets)} from the environment of Compose", lost=False)

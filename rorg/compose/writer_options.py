@@ -1,7 +1,7 @@
-"""Options of a rendered container in Compose's words.
+"""Translates the options of a rendered container into Compose.
 
-One entry for each option of the `container:` section: one that is missing here fails a test, so none can be dropped in
-silence. Forms are those of the Compose Specification (services), https://github.com/compose-spec/compose-spec.
+There is one entry for each option of the `container:` section. A test fails if one is missing, so none is dropped
+silently. The forms are those of the Compose Specification (services), https://github.com/compose-spec/compose-spec.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import os
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from rorg.compose.exported import Note
+from rorg.compose.writer_text import Note
 from rorg.model.catalog import RUN
 from rorg.model.options import OF_COMPOSE
 from rorg.model.units import format_duration
@@ -18,11 +18,11 @@ from rorg.model.volumes import is_path
 
 Section = dict[str, Any]
 SOCKET = "RORG_SOCKET"
-"""The variable by which a service finds rorg."""
+"""The variable that tells a service where rorg is."""
 
 
 class Writing:
-    """What options need to know of the rest, and where they leave what is beside them."""
+    """The section of one service, with the notes and files that belong to it."""
 
     def __init__(
         self,
@@ -47,12 +47,12 @@ class Writing:
         self.section[option] = value
 
     def path(self, path: str) -> str:
-        """Of the host, as the Compose file has it: relative where it lies below the file's directory or beside it."""
+        """A path of this machine: relative if it is below the Compose file's directory or its parent."""
         return beside(path, self.base)
 
 
 def beside(path: str, base: str) -> str:
-    """A path relative to a directory, where it lies below that or below the directory above; else as it is."""
+    """A path, relative to `base` if it is below that directory or its parent."""
     for root in (base, os.path.dirname(base)):
         if root != "/" and (path == root or path.startswith(f"{root}/")):
             inside = os.path.relpath(path, base)
@@ -87,16 +87,16 @@ def _environment(writing: Writing, option: str, value: Mapping[str, str]) -> Non
 
 
 def _devices(writing: Writing, option: str, value: list[str]) -> None:
-    """By path alone: Compose knows no other names of them."""
+    """Devices by path; Compose knows no other names for them."""
     kept = [device for device in value if device.startswith("/")]
     if kept:
         writing.put(option, kept)
     for device in (d for d in value if d not in kept):
-        writing.note(f"container.{option}", f"Compose names devices by path, and this is {device}")
+        writing.note(f"container.{option}", f"Compose names devices only by path, which {device} is not")
 
 
 def _gpus(writing: Writing, _option: str, value: list[Mapping[str, Any]]) -> None:
-    """As reservations of devices, which every Compose of version 2 knows."""
+    """GPUs as reservations of devices, which every Compose of version 2 understands."""
     devices = []
     for gpu in value:
         device = {k: v for k, v in gpu.items() if v not in (None, {}, [])}
@@ -112,7 +112,7 @@ def _links(writing: Writing, _option: str, value: list[str]) -> None:
 
 
 def _joined(writing: Writing, option: str, value: str) -> None:
-    """A namespace of another container: by its service where it is one of this robot."""
+    """The namespace of another container; of its service, if that belongs to this robot."""
     kind, _, name = value.partition(":")
     if kind == "container" and name in writing.containers:
         value = f"service:{writing.containers[name]}"
@@ -135,18 +135,20 @@ def _networks(writing: Writing, _option: str, value: Mapping[str, Mapping[str, A
         if name in writing.networks:
             found[writing.networks[name]] = {k: v for k, v in network.items() if v not in (None, [], {})} or None
         else:
-            writing.note("container.networks", f"Compose joins no other network together with the engine's '{name}'")
+            writing.note(
+                "container.networks", f"Compose cannot join other networks together with the engine's '{name}'"
+            )
     writing.put("networks", found)
 
 
 def _no_network(writing: Writing, _option: str, value: bool) -> None:
     if value:
         writing.put("network_mode", "none")
-        writing.note("container.network_disabled", "network_mode: none is the nearest that Compose knows", lost=False)
+        writing.note("container.network_disabled", "network_mode: none is the closest that Compose has", lost=False)
 
 
 def _security(writing: Writing, option: str, values: list[str]) -> None:
-    """Compose reads a profile of seccomp from a file."""
+    """Seccomp profiles become files, because Compose reads them only from files."""
     found = []
     for value in values:
         kind, _, text = value.partition("=")
@@ -191,7 +193,7 @@ def _ulimits(writing: Writing, option: str, value: Mapping[str, Mapping[str, int
 
 OPTIONS: Mapping[str, Write] = {
     **dict.fromkeys(OF_COMPOSE, _same),
-    "cpuset_mems": _no_word("Compose cannot name NUMA nodes"),
+    "cpuset_mems": _no_word("Compose has no setting for NUMA nodes"),
     "devices": _devices,
     "environment": _environment,
     "gpus": _gpus,
@@ -199,17 +201,17 @@ OPTIONS: Mapping[str, Write] = {
     "inherit_environment": _no_word("it is for the process engine"),
     "ipc": _joined,
     "links": _links,
-    "masked_paths": _no_word("Compose cannot name paths to hide; security_opt: [systempaths=unconfined] hides none"),
+    "masked_paths": _no_word("Compose cannot hide paths; security_opt: [systempaths=unconfined] hides none"),
     "network_disabled": _no_network,
     "network_mode": _network_mode,
     "networks": _networks,
     "pid": _joined,
-    "publish_all_ports": _no_word("Compose publishes only ports that are named; name them in `ports`"),
-    "readonly_paths": _no_word("Compose cannot name such paths"),
+    "publish_all_ports": _no_word("Compose publishes only ports that are listed; list them in `ports`"),
+    "readonly_paths": _no_word("Compose has no such setting"),
     "security_opt": _security,
     "stop_grace_period": _seconds,
     "ulimits": _ulimits,
-    "volume_driver": _no_word("Compose says a driver of each volume, at the top of the file"),
+    "volume_driver": _no_word("Compose sets the driver of each volume at the top of the file"),
     "volumes": _volumes,
     "volumes_from": _volumes_from,
 }

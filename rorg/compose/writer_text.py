@@ -1,25 +1,60 @@
-"""The text of a Compose file that is made of values."""
+"""A robot as a Compose file: the document, the files beside it, notes on what it does not say, and its text."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import yaml
 
-from rorg.compose.exported import Exported, Note
+
+@dataclass(frozen=True, slots=True)
+class Note:
+    """Something that a Compose file cannot say, or says in other words."""
+
+    service: str
+    """Empty for the whole robot."""
+    field: str
+    """In the manifest: `spec.idle`, `spec.container.cpuset_mems`."""
+    text: str
+    """What becomes of it."""
+    lost: bool = True
+    """Whether the Compose file does not have it at all; False if the file says it in other words."""
+
+    def as_json(self) -> dict[str, Any]:
+        """The note as a JSON object."""
+        carried = "not carried" if self.lost else "translated"
+        return {"service": self.service, "field": self.field, "carried": carried, "message": self.text}
+
+    def __str__(self) -> str:
+        return f"{self.field}: {self.text}"
+
+
+@dataclass(frozen=True, slots=True)
+class Exported:
+    """A robot as a Compose file."""
+
+    document: Mapping[str, Any]
+    """The document in the form of Compose, except that `$` is not doubled yet."""
+    notes: tuple[Note, ...] = ()
+    files: Mapping[str, str] = field(default_factory=dict)
+    """Name -> text of files beside the document that it refers to. Those that end in .env hold secrets."""
+    descriptions: Mapping[str, str] = field(default_factory=dict)
+    """Service -> its description."""
+
 
 _PLAIN = re.compile(r"[A-Za-z_/.][A-Za-z0-9_/.@=+-]*( [A-Za-z_/][A-Za-z0-9_/.@=+-]*)*")
-"""What no version of YAML takes for anything but a text; other texts are quoted."""
+"""Texts that every version of YAML reads as text; all other texts are quoted."""
 _WORDS = re.compile(r"(?i:y|n|yes|no|on|off|true|false|null|\.?inf|\.?nan)")
 
 
 class _Dumper(yaml.SafeDumper):
-    """YAML that means the same by 1.1 and by 1.2, which readers of Compose files mix."""
+    """Writes YAML that means the same in 1.1 and 1.2, because readers of Compose files mix the two."""
 
     def ignore_aliases(self, _data: Any) -> bool:
-        """Each value is written out where it stands."""
+        """Writes out every value, without aliases."""
         return True
 
 
@@ -40,7 +75,7 @@ _Dumper.add_representer(type(None), _nothing)
 
 
 def escaped(value: Any) -> Any:
-    """The same with each `$` of its texts doubled: Compose fills in variables where one stands alone."""
+    """The same value with each `$` doubled, because Compose fills in variables after a single one."""
     if isinstance(value, str):
         return value.replace("$", "$$")
     if isinstance(value, Mapping):
@@ -49,7 +84,7 @@ def escaped(value: Any) -> Any:
 
 
 def write(exported: Exported) -> str:
-    """A whole Compose file, with what it cannot say as comments where it would stand."""
+    """The text of a whole Compose file. Comments say what it cannot express."""
     document = escaped(exported.document)
     notes = exported.notes
     parts = [_comments("of this robot", (n for n in notes if not n.service)), _yaml({"name": document["name"]}, 0)]
@@ -74,7 +109,7 @@ def _said(note: Note) -> list[str]:
 
 def _comments(what: str, notes: Iterable[Note]) -> str:
     lines = [line for note in notes for line in _said(note)]
-    head = ["Written by `rorg export compose`."] + ([f"What is {what} and not in this file:"] if lines else [])
+    head = ["Written by `rorg export compose`."] + ([f"Parts {what} that are not in this file:"] if lines else [])
     return "".join(f"# {line}\n" for line in head + lines)
 
 

@@ -34,9 +34,9 @@ from rorg.host.devices import DeviceWatch
 from rorg.host.git_cache import Followed, GitCache
 from rorg.host.load import Meter, Sampler
 from rorg.host.watch import Watcher
-from rorg.images.make import make_supplier
 from rorg.images.records import NAME as RECORDS
 from rorg.images.references import references_for
+from rorg.images.supply import Supplier
 from rorg.probes.prober import Prober
 from rorg.probes.runner import ProbeRunner
 from rorg.store.state_dir import StateDir
@@ -134,7 +134,7 @@ def _image_manager(
 ) -> ImageManager | None:
     if not isinstance(engine, Images):
         return None
-    supplier = make_supplier(engine, state, owner, JOBS, imports=False)
+    supplier = Supplier(engine, state, owner, JOBS, imports=False)
     return ImageManager(engine, supplier, recorder, wakes.wake)
 
 

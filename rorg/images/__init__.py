@@ -1,1 +1,1 @@
-"""Building images."""
+"""Builds, pulls and imports images, and decides which reference names which content."""

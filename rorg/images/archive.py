@@ -1,5 +1,5 @@
-"""A robot's images in one file: to another machine, without a registry. It is the tar file that `docker save` writes,
-with one more member, which `docker load` does not look at."""
+"""A robot's images in one file, to copy them to another machine without a registry. It is the tar file that
+`docker save` writes, plus one member that `docker load` ignores."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from rorg.images.records import Built
 RECORDS = "rorg-images.json"
 CHUNK = 1 << 20
 MOST = 4 << 20
-"""Bytes of the records. Those of a robot with a hundred images have some 50 KiB."""
+"""Bytes of the records. Those of a robot with a hundred images take about 50 KiB."""
 
 
 class Stream(io.RawIOBase):
-    """Pieces of an answer, to be read as a file."""
+    """Makes the pieces of an answer readable as a file."""
 
     def __init__(self, pieces: Iterable[bytes]) -> None:
         self._pieces, self._left = iter(pieces), b""
@@ -40,7 +40,7 @@ class Stream(io.RawIOBase):
 
 
 def write_archive(pieces: Iterable[bytes], built: Mapping[str, Built], file: IO[bytes]) -> None:
-    """What an engine saves, with which of it was built from what."""
+    """Writes the images that an engine saves, and the records of what they were built from."""
     records = json.dumps({identity: asdict(b) for identity, b in sorted(built.items())}).encode()
     source = io.BufferedReader(Stream(pieces), CHUNK)
     with tarfile.open(fileobj=file, mode="w", format=tarfile.PAX_FORMAT) as to:
@@ -53,27 +53,27 @@ def write_archive(pieces: Iterable[bytes], built: Mapping[str, Built], file: IO[
 
 
 def read_records(file: IO[bytes], name: str) -> dict[str, Built]:
-    """What an archive says of its images; empty for one that another program wrote. Reads no more than its first
-    member, and nothing of that but a regular file. Raises Invalid."""
+    """The records in an archive; empty if another program wrote it. Reads no more than its first member, and only if
+    that is a regular file. Raises Invalid."""
     try:
         member = tarfile.TarInfo.frombuf(file.read(tarfile.BLOCKSIZE), "utf-8", "surrogateescape")
         if member.name != RECORDS:
             return {}
         if member.type not in (tarfile.REGTYPE, tarfile.AREGTYPE) or not 0 <= member.size <= MOST:
-            raise ValueError(f"its {RECORDS} is no file of at most {MOST >> 20} MiB")
+            raise ValueError(f"its {RECORDS} is not a file of at most {MOST >> 20} MiB")
         content = file.read(member.size)
         if len(content) < member.size:
             raise ValueError("it ends too early")
         return {str(identity): _built(entry) for identity, entry in json.loads(content).items()}
     except (tarfile.TarError, ValueError, TypeError, AttributeError, RecursionError) as error:
         remedy = "one that `rorg image save` wrote"
-        raise Invalid(f"load {name}", f"it is no archive of images: {error}", remedy) from error
+        raise Invalid(f"load {name}", f"it is not an archive of images: {error}", remedy) from error
 
 
 def _built(entry: Any) -> Built:
-    """A record that an archive brings. Raises TypeError for what is none."""
+    """A record from an archive. Raises TypeError if it is not valid."""
     found = Built(**entry)
     texts = (found.name, found.reference, found.id, found.at, *found.bases, *found.bases.values())
     if not all(isinstance(text, str) for text in texts):
-        raise TypeError(f"a record in its {RECORDS} is not of texts")
+        raise TypeError(f"a record in its {RECORDS} does not consist of texts")
     return found

@@ -1,26 +1,30 @@
-"""Carries out orders of images: parents before children, independent ones at once; a failure stops what stands on it
-and nothing else."""
+"""Carries out orders for images: parents before children, independent ones in parallel. A failure stops only the images
+that are based on the failed one."""
 
 from __future__ import annotations
 
+import contextlib
+import os
 import queue
+import re
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 from rorg.core.masking import forms, hidden
 from rorg.errors import EngineError, Invalid, RorgError
-from rorg.images.logs import build_log, log_path
 from rorg.images.order import Builder, Listener, Order, Result, Say
+from rorg.model.image_names import SHORT
+from rorg.store.files import make_directory, regular
 
 TURN = 0.2
-"""Seconds until a build is ended after its `stop` is set."""
+"""Seconds until a build ends after its `stop` is set."""
 STOPPED = "stopped"
-"""The message of what was ended, or not begun, since whoever asked for it wants it no more."""
+"""The message of orders that were ended or not begun because the caller no longer wants them."""
 SHORTEST = 4
-"""Characters of a build argument that is kept out of what is shown; less is no secret, and part of any text."""
+"""Least length of a build argument that is hidden; shorter ones are not secrets, and occur in any text."""
 
 
 def build(
@@ -33,14 +37,14 @@ def build(
     stop: threading.Event | None = None,
     logs: Path | None = None,
 ) -> list[Result]:
-    """Has all these images, `jobs` at once, each of these workers with a builder of its own. Results are in the order
-    of `orders`. `clock` is in seconds; `logs` is the folder for the logs of builds. Once `stop` is set nothing is
-    begun, and what is under way is ended. Raises Invalid for images that stand on each other."""
+    """Carries out all orders, `jobs` of them in parallel, each worker with its own builder. Results are in the order of
+    `orders`. `clock`: in seconds; `logs`: folder for the logs of builds. Once `stop` is set, nothing more begins, and
+    running builds are ended. Raises Invalid if images are based on each other in a cycle."""
     return _Build(orders, make_builder, clock, listener, stop or threading.Event(), logs).run(jobs)
 
 
 class _Build:
-    """One thread, the caller's, decides what comes next; the workers do it."""
+    """The calling thread decides what comes next; the workers do it."""
 
     def __init__(
         self,
@@ -65,7 +69,7 @@ class _Build:
             sorter.prepare()
         except CycleError as error:
             cycle = " -> ".join(error.args[1])
-            raise Invalid("build", f"images stand on each other: {cycle}", "breaking the cycle") from error
+            raise Invalid("build", f"images are based on each other: {cycle}", "breaking the cycle") from error
         most = min(max(1, jobs), sum(not _is_present(order) for order in self._orders.values()))
         workers = [threading.Thread(target=self._work, name=f"build-{n}", daemon=True) for n in range(most)]
         for worker in workers:
@@ -73,7 +77,7 @@ class _Build:
         try:
             self._go_through(sorter)
         finally:
-            if len(self._results) < len(self._orders):  # whoever waits is interrupted
+            if len(self._results) < len(self._orders):  # the caller was interrupted
                 self._cancel()
             for _ in workers:
                 self._todo.put(None)
@@ -97,7 +101,7 @@ class _Build:
                 sorter.done(result.reference)
 
     def _without_work(self, order: Order) -> Result | None:
-        """What can be said of an order without doing anything; None where there is something to do."""
+        """The result of an order that needs no work; None if it does."""
         if _is_present(order):
             return Result(order.reference, "present")
         if self._stopping():
@@ -111,7 +115,7 @@ class _Build:
         return None
 
     def _next(self) -> Result:
-        """The next one that ends."""
+        """The next result. Checks now and then whether to stop."""
         while True:
             try:
                 return self._done.get(timeout=TURN)
@@ -123,7 +127,7 @@ class _Build:
         return self._stop.is_set() or self._cancelled.is_set()
 
     def _cancel(self) -> None:
-        """Ends what is under way. A worker that makes its builder at this moment sees that itself."""
+        """Ends running orders. A worker that is just making its builder checks this itself."""
         if not self._cancelled.is_set():
             self._cancelled.set()
             for builder in list(self._builders):
@@ -142,7 +146,7 @@ class _Build:
             try:
                 builder = builder or self._builder()
                 result = self._carry_out(order, builder)
-            except BaseException as error:  # whatever it is: the one who waits must hear of it
+            except BaseException as error:  # the caller waits for a result, whatever happened
                 result = self._failure(order, error)
             result = replace(result, seconds=self._clock() - began)
             try:
@@ -161,7 +165,7 @@ class _Build:
         return builder
 
     def _carry_out(self, order: Order, builder: Builder) -> Result:
-        """Raises what the builder raises."""
+        """The result of an order. Raises what the builder raises."""
         if self._stopping():
             return Result(order.reference, "skipped", STOPPED)
         with self._hearing:
@@ -210,7 +214,7 @@ def _pulled(order: Order, builder: Builder, say: Say) -> Result:
     except RorgError as error:
         if not order.there:
             raise
-        return Result(order.reference, "present", f"it is as it was, since it cannot be pulled: {error.why}")
+        return Result(order.reference, "present", f"the old one stays, because it cannot be pulled: {error.why}")
     return Result(order.reference, "pulled", id=builder.digest(order.reference))
 
 
@@ -227,11 +231,47 @@ def _made(order: Order, builder: Builder, say: Say) -> Result:
 
 
 def _shown(text: str, order: Order) -> str:
-    """One line, without the values of build arguments."""
+    """The text on one line, without the values of build arguments."""
     values = {value for value in (order.image.args.values() if order.image else ()) if len(value) >= SHORTEST}
     return " ".join(hidden(_hidden(text, order), sorted(values, key=len, reverse=True)).split())
 
 
 def _hidden(text: str, order: Order) -> str:
-    """Without the secrets among them, as it may be kept."""
+    """The text without secret build arguments, for the log."""
     return hidden(text, forms(order.image.args[name] for name in order.image.secrets)) if order.image else text
+
+
+KEPT = 5
+"""Logs kept for each image."""
+PRIVATE = 0o600
+"""Mode of the logs, because build arguments may be secrets."""
+
+
+@contextlib.contextmanager
+def build_log(folder: Path | None, order: Order) -> Iterator[Callable[[str], None]]:
+    """Opens the log of a build and returns a function that writes to it; discards everything if there is no folder.
+    Raises OSError."""
+    if folder is None:
+        with open(os.devnull, "w") as nothing:
+            yield lambda text: print(text, file=nothing)
+        return
+    make_directory(folder, 0o700)
+    descriptor = regular(Path(log_path(folder, order)), os.O_WRONLY | os.O_CREAT)
+    os.fchmod(descriptor, PRIVATE)
+    os.ftruncate(descriptor, 0)
+    with open(descriptor, "w", encoding="utf-8", errors="replace", buffering=1) as file:
+        _remove_old(folder, order.log_name[0])
+        yield lambda text: print(text, file=file, end="" if text.endswith("\n") else "\n")
+
+
+def log_path(folder: Path | None, order: Order) -> str:
+    """The path of an order's log; empty if there is no folder."""
+    stem, identity = order.log_name
+    return str(folder / f"{stem}-{identity}.log") if folder else ""
+
+
+def _remove_old(folder: Path, stem: str) -> None:
+    name = re.compile(rf"{re.escape(stem)}-(latest|[0-9a-f]{{{SHORT}}})\.log")
+    found = sorted((p for p in folder.iterdir() if name.fullmatch(p.name)), key=lambda p: p.stat().st_mtime_ns)
+    for path in found[:-KEPT]:
+        path.unlink(missing_ok=True)

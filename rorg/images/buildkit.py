@@ -1,4 +1,4 @@
-"""BuildKit, through the docker command: the engine's own API for it is no public one."""
+"""Builds with BuildKit, through the docker command, because the engine's API for it is not public."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from pathlib import Path
 
 from rorg.errors import EngineError
 from rorg.host.commands import end
-from rorg.images.cancelling import Cancelling
+from rorg.images.cancel import Cancellation
 from rorg.images.context import copy_context
 from rorg.images.ignore import NAME
 from rorg.images.order import Order, Say, StepFailed
 from rorg.model.catalog import Image
 
 PATIENCE = 60.0
-"""Seconds in which the docker command says whether it can."""
+"""Seconds for the docker command to say whether it supports BuildKit."""
 STEP = re.compile(r"#(\d+) (\[(?!internal).*)")
-"""The line with which BuildKit begins an instruction, such as `#5 [2/3] COPY a /a`."""
+"""The line that starts an instruction, such as `#5 [2/3] COPY a /a`."""
 ERROR = re.compile(r"#(\d+) ERROR: (.*)")
 OWN = re.compile(r"PATH|HOME|DOCKER_.*|BUILDKIT_.*|BUILDX_.*|.*_proxy", re.IGNORECASE)
-"""Variables that mean something to the docker command itself."""
+"""Variables that have a meaning for the docker command itself."""
 
 
 def find_command() -> str:
-    """A docker command that can use BuildKit: 20.10 has it built in, newer ones need buildx. Empty for none."""
+    """A docker command that can use BuildKit: 20.10 has it built in, newer ones need buildx. Empty if there is none."""
     return _find(os.environ.get("PATH", os.defpath))
 
 
@@ -58,8 +58,8 @@ def _can(command: str) -> bool:
 
 
 def environment(host: str, folder: str) -> dict[str, str]:
-    """Of the docker command: it talks to this engine, as rorg does, and knows nothing of the user's configuration,
-    whose credentials are nobody's business in a build (what it stands on has been pulled)."""
+    """The environment of the docker command. It talks to the same engine as rorg, but does not get the user's
+    configuration: a build needs no credentials, because its bases have been pulled already."""
     scheme, _, rest = host.rpartition("://")
     encrypted = scheme == "https" or (bool(os.environ.get("DOCKER_TLS_VERIFY")) and "unix" not in scheme)
     certificates = os.environ.get("DOCKER_CERT_PATH") or str(Path.home() / ".docker")
@@ -74,22 +74,22 @@ def environment(host: str, folder: str) -> dict[str, str]:
 
 
 def build(
-    command: str, host: str, order: Order, image: Image, dockerfile: bytes, say: Say, cancelling: Cancelling
+    command: str, host: str, order: Order, image: Image, dockerfile: bytes, say: Say, cancellation: Cancellation
 ) -> str:
-    """The id of the image. Raises StepFailed, and OSError for what cannot be read of the context."""
+    """The id of the image. Raises StepFailed, and OSError for unreadable files of the context."""
     with tempfile.TemporaryDirectory(prefix="rorg-build-") as name:
         folder = Path(name)
         copy_context(Path(image.context or ""), image.dockerfile, folder / "context")
         (folder / "Dockerfile").write_bytes(dockerfile)
-        (folder / f"Dockerfile{NAME}").touch()  # it holds instead of one in the context, which has been heeded
+        (folder / f"Dockerfile{NAME}").touch()  # overrides the .dockerignore of the context, which is applied already
         (folder / "config").mkdir()
         line, values = command_line(order, image, folder)
-        _run([command, *line], {**environment(host, str(folder / "config")), **values}, order, say, cancelling)
+        _run([command, *line], {**environment(host, str(folder / "config")), **values}, order, say, cancellation)
         return (folder / "id").read_text().strip()
 
 
 def command_line(order: Order, image: Image, folder: Path) -> tuple[list[str], dict[str, str]]:
-    """(arguments, variables). Values of build arguments are variables: everybody may read a command line."""
+    """(arguments, variables). Values of build arguments are variables, because anyone can read a command line."""
     values = {key: value for key, value in image.args.items() if not OWN.fullmatch(key)}
     said = [key if key in values else f"{key}={value}" for key, value in image.args.items()]
     options = {
@@ -108,7 +108,7 @@ def command_line(order: Order, image: Image, folder: Path) -> tuple[list[str], d
     return ["build", *words, *([] if order.cache else ["--no-cache"]), str(folder / "context")], values
 
 
-def _run(command: list[str], variables: Mapping[str, str], order: Order, say: Say, cancelling: Cancelling) -> None:
+def _run(command: list[str], variables: Mapping[str, str], order: Order, say: Say, cancellation: Cancellation) -> None:
     try:
         process = subprocess.Popen(
             command,
@@ -122,7 +122,7 @@ def _run(command: list[str], variables: Mapping[str, str], order: Order, say: Sa
         raise EngineError(f"build {order.name}", f"{command[0]}: {error.strerror}") from error
     assert process.stdout
     try:
-        with cancelling.by(lambda: os.killpg(process.pid, signal.SIGKILL)):  # the engine ends what nobody waits for
+        with cancellation.by(lambda: os.killpg(process.pid, signal.SIGKILL)):  # the engine ends builds without a client
             step, why = _read((line.decode(errors="replace") for line in process.stdout), say)
         process.wait(PATIENCE)
     finally:
@@ -132,7 +132,7 @@ def _run(command: list[str], variables: Mapping[str, str], order: Order, say: Sa
 
 
 def _read(lines: Iterable[str], say: Say) -> tuple[str, str]:
-    """What the command tells of a build, to its end: (instruction that failed, why)."""
+    """Passes on the output of the docker command: (instruction that failed, why)."""
     steps: dict[str, str] = {}
     failed, why, last = "", "", ""
     for line in lines:

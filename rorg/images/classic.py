@@ -1,4 +1,4 @@
-"""The builder that every engine has, through its API."""
+"""Builds with the classic builder, which every engine has, through the engine's API."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from rorg.engines.docker.answers import from_json
 from rorg.engines.docker.client import Client
 from rorg.engines.docker.errors import docker_errors
 from rorg.errors import EngineError
-from rorg.images.cancelling import Cancelling
+from rorg.images.cancel import Cancellation
 from rorg.images.context import write_tar
 from rorg.images.order import Order, Say, StepFailed
 from rorg.model.catalog import Image
 
 
-def build(client: Client, order: Order, image: Image, dockerfile: bytes, say: Say, cancelling: Cancelling) -> str:
-    """The id of the image. `dockerfile` is the text that holds. Raises StepFailed, and OSError for what cannot be read
+def build(client: Client, order: Order, image: Image, dockerfile: bytes, say: Say, cancellation: Cancellation) -> str:
+    """The id of the image. `dockerfile`: its text after rewriting. Raises StepFailed, and OSError for unreadable files
     of the context."""
     with tempfile.TemporaryFile(prefix="rorg-build-") as tar:
         name = write_tar(Path(image.context or ""), image.dockerfile, dockerfile, tar)
@@ -27,15 +27,15 @@ def build(client: Client, order: Order, image: Image, dockerfile: bytes, say: Sa
         query = query_of(order, image, name)
         with (
             docker_errors(f"build {order.name}"),
-            cancelling.by(tar.close),
+            cancellation.by(tar.close),
             client.stream("POST", "/build", tar, **query) as stream,
-            cancelling.by(stream.close),
+            cancellation.by(stream.close),
         ):
             return _read(order, stream.lines(), say)
 
 
 def query_of(order: Order, image: Image, dockerfile: str) -> dict[str, Any]:
-    """What is asked of the engine; `dockerfile` is its name in the context."""
+    """The parameters of the request. `dockerfile`: its name in the context."""
     return {
         "t": order.reference,
         "dockerfile": dockerfile,
@@ -47,13 +47,13 @@ def query_of(order: Order, image: Image, dockerfile: str) -> dict[str, Any]:
         "forcerm": True,
         "target": image.target or None,
         "platform": image.platform or None,
-        # With others named, this builder leaves out what it built itself.
+        # If other images are named, this builder does not look at its own.
         "cachefrom": json.dumps([*image.cache_from, image.name]) if image.cache_from else None,
     }
 
 
 def _read(order: Order, lines: Iterable[bytes], say: Say) -> str:
-    """What the engine tells of a build, to its end."""
+    """Passes on the engine's messages about a build; the id of the image."""
     what, step, made = f"build {order.name}", "", ""
     for line in lines:
         told = from_json(line)
@@ -67,5 +67,5 @@ def _read(order: Order, lines: Iterable[bytes], say: Say) -> str:
         if "aux" in told:
             made = str(told["aux"].get("ID", made))
     if not made:
-        raise EngineError(what, "the engine ended it without a word")
+        raise EngineError(what, "the engine closed the connection before the build had ended")
     return made

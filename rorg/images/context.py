@@ -1,4 +1,4 @@
-"""The context of a build: which files it has, and how they get to the engine, whichever machine that is on."""
+"""The context of a build: which files it has, and how they get to an engine on any machine."""
 
 from __future__ import annotations
 
@@ -15,18 +15,17 @@ from rorg.images.ignore import NAME, Ignore, read_ignore
 from rorg.manifest.files import read_bytes
 
 GIT = ".git"
-"""Never part of a context, at its top: every commit would make another image of the same files."""
+"""Left out at the top of a context: otherwise every commit would change the image."""
 OWN = ".rorg.Dockerfile"
 """The name of the Dockerfile in a tar."""
 
 
 def context_files(context: Path, dockerfile: str, ignored: Path | None = None) -> Iterator[tuple[str, os.stat_result]]:
-    """All that a build can see: paths in the context, and how the files are (links are not followed). Regular files,
-    links and directories, each directory before what is in it, in the order of their names; without what
-    `.dockerignore` leaves out, without `.git` at the top, without sockets, pipes and devices. `ignored`: the directory
-    whose `.dockerignore` counts, where that is another one.
+    """Everything that a build can see: paths in the context with their status (links are not followed).
 
-    Raises OSError where a directory, or the `.dockerignore`, cannot be read."""
+    Regular files, links and directories in alphabetical order, each directory before its content. Left out are `.git`
+    at the top, everything in `.dockerignore`, and sockets, pipes and devices. `ignored`: the directory with the
+    `.dockerignore`, if it is not the context. Raises OSError if a directory, or the `.dockerignore`, is unreadable."""
     ignore = read_ignore(ignored or context, dockerfile)
     yield from _below(context, (), ignore)
 
@@ -47,11 +46,11 @@ def _below(directory: Path, above: tuple[str, ...], ignore: Ignore) -> Iterator[
 
 
 def write_tar(context: Path, dockerfile: str, text: bytes, file: IO[bytes]) -> str:
-    """Writes a context, with this text as its Dockerfile; the name that it has in there. Owners are root, as the docker
-    command has it, and times are whole seconds. Raises OSError.
+    """Writes a context with this text as its Dockerfile, and returns the Dockerfile's name there. Files belong to root,
+    as with the docker command, and times are whole seconds. Raises OSError.
 
-    The Dockerfile has a name of ours, which no file of the context has; the `.dockerignore` in the tar names it, so
-    that the engine does not show it to the build (as the docker command does with a Dockerfile from elsewhere)."""
+    No file of the context has the Dockerfile's name. The `.dockerignore` in the tar lists it, so that the build does
+    not see it. The docker command does the same with a Dockerfile from elsewhere."""
     name = OWN
     while os.path.lexists(context / name):
         name += "_"
@@ -86,7 +85,7 @@ def _add(tar: tarfile.TarFile, place: Path, path: str, how: os.stat_result) -> N
 
 
 def copy_context(context: Path, dockerfile: str, target: Path) -> None:
-    """Copies a context into a directory that is not there yet: links, modes and times too. Raises OSError."""
+    """Copies a context into a new directory, with links, modes and times. Raises OSError."""
     target.mkdir()
     directories: list[tuple[Path, Path]] = []
     for path, how in context_files(context, dockerfile):
@@ -97,5 +96,5 @@ def copy_context(context: Path, dockerfile: str, target: Path) -> None:
         else:
             place.parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(source, place, follow_symlinks=False)
-    for source, place in reversed(directories):  # last: one that may not be written to is filled by then
+    for source, place in reversed(directories):  # last, because some may not be writable afterwards
         shutil.copystat(source, place)

@@ -1,5 +1,5 @@
-"""What a container to develop in is made of: the very image, and what the manifests say of the service, with the
-workspace and the identity of whoever develops (the paper's Section III). Pure."""
+"""What a dev container consists of: the service's image and options, with the workspace and the identity of the person
+who develops (the paper's Section III). Pure."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ from rorg.model.dev import (
 from rorg.model.volumes import mounted_at
 
 HOME = "/home/rorg-dev"
-"""Where the kept home is inside: a path that neither images nor workspaces have."""
+"""Place of the persistent home in the container: a path that neither images nor workspaces have."""
 STAY = (
     "/bin/sh",
     "-c",
     "trap 'exit 0' TERM; while sleep 86400 2>/dev/null & wait $!; do :; done; while read -r _; do :; done",
 )
-"""Stays until SIGTERM. An image without `sleep` has a shell that reads what nobody writes: its standard input is kept
-open by the engine."""
+"""Runs until SIGTERM. An image without `sleep` has a shell that reads from its standard input, which the engine keeps
+open without ever writing to it."""
 OF_ONE = frozenset(
     ("container_name", "ports", "publish_all_ports", "mac_address", "restart", "labels", "stop_grace_period", "tty")
 )
-"""What only one container may have, or what is said of the service and not of its surroundings."""
+"""Options that only one container can have, or that concern the service instead of its environment."""
 OF_ONE_ON_A_NETWORK = frozenset(("aliases", "ipv4_address", "ipv6_address", "link_local_ips", "mac_address"))
 GPUS = [{"count": "all", "capabilities": ["gpu"]}]
 SCREEN = "/tmp/.X11-unix"
@@ -43,8 +43,8 @@ XAUTHORITY = "/tmp/.rorg-xauthority"
 COVERED = frozenset(
     ("/", "/bin", "/boot", "/dev", "/etc", "/lib", "/lib32", "/lib64", "/proc", "/run", "/sbin", "/sys", "/usr", "/var")
 )
-"""Places of the image's own programs and of the kernel: a workspace there would hide them."""
-BASHRC = """# Made by `rorg dev`, and yours: it stays as you leave it, also with --fresh.
+"""Places of the image's own programs and of the kernel. A workspace mounted there would hide them."""
+BASHRC = """# Made by `rorg dev`, and yours to edit: rorg leaves it as it is, also with --fresh.
 PS1='($RORG_DEV) \\w\\$ '
 shopt -s histappend
 PROMPT_COMMAND='history -a'
@@ -53,39 +53,39 @@ PROMPT_COMMAND='history -a'
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Developer:
-    """Who develops, and what of theirs comes along."""
+    """The person who develops, and what they bring along."""
 
     user: str
     """UID:GID."""
     name: str
     workspace: str
-    """Absolute; the same inside."""
+    """Absolute path, the same inside and outside."""
     home: str
-    """On this machine."""
+    """The persistent home on this machine."""
     git: Mapping[str, str]
-    """Variables of git that name the person."""
+    """Variables that tell git who the person is."""
     display: Mapping[str, str] | None = None
-    """DISPLAY, and where there are such the paths of XAUTHORITY and SOCKETS; None without X11."""
+    """DISPLAY and, if they exist, the paths of XAUTHORITY and SOCKETS; None without X11."""
     gpu: bool = False
 
     @property
     def extras(self) -> tuple[str, ...]:
-        """What was asked for beyond the service's own."""
+        """Everything requested in addition to the service's own options."""
         return (*(("x11",) if self.display is not None else ()), *(("gpu",) if self.gpu else ()))
 
 
 def name_for(of: str) -> str:
-    """What the container of a service, or of image/NAME, is called."""
+    """The name of the dev container of a service, or of image/NAME."""
     return re.sub(r"[^a-zA-Z0-9_.-]+", "-", of.removeprefix("image/")).lstrip("_.-") + "-dev"
 
 
 def plain_spec(image: str) -> Spec:
-    """Of an image that stands for itself: the host's network, as every service has it."""
+    """The options for an image without a service: the host's network, as for every service."""
     return {"image": image, "network_mode": "host"}
 
 
 def dev_spec(spec: Spec, name: str, who: Developer) -> dict[str, Any]:
-    """The container to develop in, from that of the service as rendered."""
+    """The dev container of a service, from the service's rendered options."""
     mounts = _mounts(who)
     taken = {mounted_at(m) for m in mounts}
     found = {option: value for option, value in spec.items() if option not in OF_ONE}
@@ -120,7 +120,7 @@ def _mounts(who: Developer) -> list[dict[str, Any]]:
 
 
 def _environment(name: str, who: Developer) -> dict[str, str]:
-    """The image may not know the user: what shells and programs look up is said here."""
+    """Variables that shells and programs need, because the image may not know the user."""
     shell = {"PS1": f"({name}) $PWD \\$ ", "HISTFILE": f"{HOME}/.history", "RORG_DEV": name}
     found = {"HOME": HOME, "USER": who.name, "LOGNAME": who.name, **shell, **who.git}
     if who.display is not None:
@@ -130,12 +130,12 @@ def _environment(name: str, who: Developer) -> dict[str, str]:
 
 
 def declared_digest(spec: Spec) -> str:
-    """Identity of what the manifests say, without the image, which has one of its own."""
+    """Identity of the options, without the image, which has an identity of its own."""
     return digest({option: value for option, value in spec.items() if option != "image"})
 
 
 def dev_labels(instance: str, of: str, spec: Spec, image: str, who: Developer) -> dict[str, str]:
-    """`spec` as rendered; `image`: the id of its image."""
+    """Labels of a dev container. `spec`: the rendered options; `image`: the id of its image."""
     return {
         LABEL_DEV: instance,
         LABEL_OF: of,
@@ -148,12 +148,12 @@ def dev_labels(instance: str, of: str, spec: Spec, image: str, who: Developer) -
 
 
 def drift(found: DevContainer, spec: Spec, image: str, workspace: str, extras: Sequence[str]) -> list[str]:
-    """What one that was made anew would have otherwise. `image`: the id that the image of the spec has."""
+    """How a new dev container would differ from the existing one. `image`: the current id of the spec's image."""
     why = []
     if image != found.image:
-        why.append(f"{spec['image']} is another image than its own" if image else f"no image {spec['image']} is here")
+        why.append(f"{spec['image']} has changed since" if image else f"image {spec['image']} is not on this machine")
     if declared_digest(spec) != found.digest:
-        why.append("the manifests say otherwise than when it was made")
+        why.append("the manifests have changed since")
     if not within(workspace, found.workspace):
         why.append(f"its workspace is {found.workspace}")
     missing = [extra for extra in extras if extra not in found.extras]
@@ -161,5 +161,5 @@ def drift(found: DevContainer, spec: Spec, image: str, workspace: str, extras: S
 
 
 def within(path: str, folder: str) -> bool:
-    """Whether a directory is another one, or below it."""
+    """Whether a directory is `folder`, or below it."""
     return PurePosixPath(path).is_relative_to(folder)

@@ -1,6 +1,6 @@
-"""The same container for editors: .devcontainer/devcontainer.json (https://containers.dev/implementors/json_reference).
+"""A dev container for editors: .devcontainer/devcontainer.json (https://containers.dev/implementors/json_reference).
 
-They make a container of their own by it, with the flags of `docker run`.
+Editors create a container of their own from it, with the flags of `docker run`.
 """
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ from typing import Any
 from rorg.model.options import OPTIONS
 
 MARK = "rorg"
-"""Below `customizations`: a file that has it is ours."""
+"""Key below `customizations`: it marks files that rorg wrote."""
 ELSEWHERE = frozenset(
     ("image", "volumes", "environment", "user", "working_dir", "command", "entrypoint", "stdin_open", "healthcheck")
 )
-"""What has a key of its own in the document, or what the editor decides itself."""
+"""Options with a key of their own in the document, and options that the editor controls."""
 
 
 def document(name: str, of: str, spec: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
-    """(the document of a container to develop in, options of its spec that it cannot say)."""
+    """(the document, options of the spec that it cannot express)."""
     workspace, volumes = spec["working_dir"], spec["volumes"]
     lines = [v for v in volumes if isinstance(v, str)]
     mounts = {v["target"]: _mount(v) for v in volumes if not isinstance(v, str)}
@@ -43,8 +43,8 @@ def document(name: str, of: str, spec: Mapping[str, Any]) -> tuple[dict[str, Any
     return found, left
 
 
-def ours(text: bytes) -> bool:
-    """Whether rorg has written a file. One with comments is somebody else's."""
+def written_by_rorg(text: bytes) -> bool:
+    """Whether rorg wrote a file. A file with comments is not rorg's."""
     try:
         return MARK in json.loads(text)["customizations"]
     except (ValueError, LookupError, TypeError, RecursionError):

@@ -1,11 +1,16 @@
-"""Images on Docker: built by BuildKit or by the classic builder, pulled, imported."""
+"""Images on Docker: built by BuildKit or the classic builder, pulled, or imported from the output of a command."""
 
 from __future__ import annotations
 
 import contextlib
 import json
+import os
+import signal
+import subprocess
+import threading
 from collections.abc import Collection, Iterator
-from typing import Any
+from pathlib import Path
+from typing import IO, Any
 
 import requests
 import urllib3
@@ -15,17 +20,20 @@ from rorg.engines.docker.answers import MOST_ANSWER, from_json
 from rorg.engines.docker.engine import DockerEngine
 from rorg.engines.docker.errors import REMEDY, docker_errors, refusal
 from rorg.errors import EngineError, RorgError, Unreachable
+from rorg.host.commands import end
 from rorg.images import buildkit, classic
-from rorg.images.cancelling import Cancelling
-from rorg.images.dockerfiles import dockerfile_of
-from rorg.images.importing import import_stream
+from rorg.images.cancel import Cancellation
 from rorg.images.order import Order, Say
+from rorg.manifest.dockerfile import DockerfileError, rewritten
+from rorg.manifest.files import read_bytes
+from rorg.manifest.images import machine, read_dockerfile
+from rorg.model.catalog import Image
 from rorg.model.image_names import plain
 
 
 @contextlib.contextmanager
 def library_errors(what: str) -> Iterator[None]:
-    """docker-py's errors as ours."""
+    """Converts docker-py's errors into rorg's."""
     try:
         yield
     except APIError as error:
@@ -35,27 +43,27 @@ def library_errors(what: str) -> Iterator[None]:
 
 
 class DockerBuilder:
-    """Builds with the engine that also runs what is built; see Builder."""
+    """Builds with the engine that also runs the images; see Builder."""
 
     def __init__(self, engine: DockerEngine, buildkit: bool = True, imports: bool = True) -> None:
-        """Without `buildkit` the classic builder is used although there is a better one; without `imports` no command
-        of an import is run."""
+        """Without `buildkit`, the classic builder is used even if BuildKit is available. Without `imports`, no import
+        command runs."""
         self._imports = imports
         self._engine, self._client, self._wanted = engine, engine.client, buildkit
-        self._cancelling = Cancelling()
+        self._cancellation = Cancellation()
         self._found: str | None = None
 
     def there(self, references: Collection[str]) -> set[str]:
         return set(references) - self._engine.missing_images(references)
 
     def pull(self, reference: str, say: Say) -> None:
-        """By docker-py, which knows where Docker's own commands keep the credentials for a registry."""
+        """Pulls with docker-py, which knows where Docker's commands keep the credentials of registries."""
         what, sizes = f"pull {reference}", dict[str, tuple[int, int]]()
         with library_errors(what):
             api = self._engine.api()
             with contextlib.closing(api), contextlib.closing(api.pull(reference, stream=True, decode=True)) as lines:
                 for line in lines:
-                    with self._cancelling.by(lambda: None):
+                    with self._cancellation.by(lambda: None):
                         _say_progress(line, sizes, say)
                     if "error" in line:
                         raise EngineError(what, line["error"], "an Image of that name in the tree")
@@ -65,24 +73,24 @@ class DockerBuilder:
         command, image = self._buildkit(), order.image
         text = dockerfile_of(order, image, bool(command))
         if command:
-            return buildkit.build(command, self._client.host, order, image, text, say, self._cancelling)
-        return classic.build(self._client, order, image, text, say, self._cancelling)
+            return buildkit.build(command, self._client.host, order, image, text, say, self._cancellation)
+        return classic.build(self._client, order, image, text, say, self._cancellation)
 
     def _buildkit(self) -> str:
-        """The command for it where the engine has it too; empty where not."""
+        """The docker command if the engine supports BuildKit too; otherwise empty."""
         if self._found is None:
             with docker_errors("reach the engine"):
                 parts = self._client.get("/version").get("Components") or () if self._wanted else ()
-            known = any(part["Name"] == "Engine" for part in parts)  # Podman speaks the same API without it
+            known = any(part["Name"] == "Engine" for part in parts)  # Podman has the same API, but not BuildKit
             self._found = buildkit.find_command() if known else ""
         return self._found
 
     def load(self, order: Order, say: Say) -> str:
-        """It is tagged once the command has ended well: what it wrote until it failed is no image."""
+        """See Builder. Tags the image only after the command has succeeded: output of a failed one is incomplete."""
         assert order.image
         what = f"import {order.name}"
         if not self._imports:
-            raise EngineError(what, "a running rorg runs no command of a manifest", f"`rorg build {order.name}`")
+            raise EngineError(what, "a running rorg runs no commands of manifests", f"`rorg build {order.name}`")
         labels = " ".join(f"{key}={json.dumps(value)}" for key, value in order.labels.items())
         query: dict[str, Any] = {
             "fromSrc": "-",
@@ -92,7 +100,7 @@ class DockerBuilder:
         made = ""
         try:
             with (
-                import_stream(order.image, self._cancelling) as archive,
+                import_stream(order.image, self._cancellation) as archive,
                 docker_errors(what),
                 self._client.stream("POST", "/images/create", archive, **query) as stream,
             ):
@@ -125,7 +133,7 @@ class DockerBuilder:
                 self._client.delete(f"/images/{reference}", force=True)
 
     def cancel(self) -> None:
-        self._cancelling.cancel()
+        self._cancellation.cancel()
 
     def close(self) -> None:
         self._client.close()
@@ -138,9 +146,76 @@ def _parted(reference: str) -> tuple[str, str]:
 
 
 def _say_progress(line: dict[str, Any], sizes: dict[str, tuple[int, int]], say: Say) -> None:
-    """How much of all layers has come, as it grows."""
+    """Reports how much of all layers has been downloaded."""
     detail = line.get("progressDetail") or {}
     if line.get("status") == "Downloading" and "total" in detail:
         sizes[line["id"]] = int(detail["current"]), int(detail["total"])
         come, whole = (sum(each) / 1e6 for each in zip(*sizes.values(), strict=True))
         say(f"{come:.1f} of {whole:.1f} MB", step=True)
+
+
+def dockerfile_of(order: Order, image: Image, buildkit: bool) -> bytes:
+    """The Dockerfile that the engine gets, with the references in force. Raises OSError if it cannot be read, and
+    EngineError if it is invalid or needs a missing BuildKit."""
+    if image.inline:
+        return image.inline.encode()
+    context = Path(image.context or "")
+    # surrogateescape keeps any bytes, which encode() below restores
+    text = read_bytes(context / image.dockerfile, context).decode(errors="surrogateescape")
+    try:
+        if not buildkit and read_dockerfile(text, image).buildkit:
+            remedy = "installing the docker command with buildx (in Debian's docker.io), and an engine by Docker"
+            raise EngineError(f"build {image.name}", f"{image.dockerfile} needs BuildKit, which is missing", remedy)
+        now = order.replacements
+        stand_ins = {name: now.get(reference, reference) for name, reference in image.stand_ins.items()}
+        found = rewritten(text, image.args, {**now, **stand_ins}, image.target, image.platform, machine())
+    except DockerfileError as error:
+        raise EngineError(f"build {image.name}", f"{image.dockerfile}:{error.line}: {error}") from error
+    return found.encode(errors="surrogateescape")
+
+
+SAID = 500
+"""Bytes of the last output of a failed import command that are shown."""
+PATIENCE = 10.0
+"""Seconds that an import command may take to end after its output was read."""
+
+
+@contextlib.contextmanager
+def import_stream(image: Image, cancellation: Cancellation | None = None) -> Iterator[IO[bytes]]:
+    """Runs an image's import command during the block; its standard output is the tar stream. If the command fails,
+    raises EngineError with its last error output."""
+    try:
+        process = subprocess.Popen(
+            image.import_command or (),
+            cwd=image.directory,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            start_new_session=True,
+        )
+    except OSError as error:
+        raise EngineError(f"import {image.name}", str(error), "fixing spec.import") from error
+    assert process.stdout
+    assert process.stderr
+    said = bytearray()
+    listener = threading.Thread(target=_listen, args=(process.stderr, said), daemon=True)
+    listener.start()
+    try:
+        with (cancellation or Cancellation()).by(lambda: os.killpg(process.pid, signal.SIGKILL)):
+            yield process.stdout
+        process.stdout.close()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(PATIENCE)
+    finally:
+        end(process, signal.SIGTERM)
+        listener.join(PATIENCE)
+    if process.returncode != 0:
+        why = said.decode(errors="replace").strip()
+        raise EngineError(f"import {image.name}", why or f"exit code {process.returncode}", "fixing spec.import")
+
+
+def _listen(pipe: IO[bytes], said: bytearray) -> None:
+    """Keeps the end of a command's error output, and reads all of it so that the command never blocks."""
+    with pipe:
+        while chunk := os.read(pipe.fileno(), 1 << 16):
+            said[:] = (said + chunk)[-SAID:]

@@ -1,5 +1,5 @@
-"""The identity of an image: a digest of all that it is made from, and of nothing else. So it is the same on every
-machine and after every `git revert`, and a rollback finds the image that ran before."""
+"""The identity of an image: a digest of everything that it is built from, and nothing else. It is therefore the same on
+every machine and after every `git revert`, and a rollback finds the image that ran before."""
 
 from __future__ import annotations
 
@@ -20,20 +20,21 @@ from rorg.model.image_names import plain
 
 VERSION = "v1"
 MOST_FILES, MOST_BYTES = 100_000, 2 << 30
-"""Of one context."""
+"""Limits of one context."""
 
 
 class Identities:
-    """Remembers digests of files by what stat says of them, so that only what changed is read again."""
+    """Computes identities. Remembers digests of files with their status, so that only changed files are read again."""
 
     def __init__(self) -> None:
         self.files = FileDigests()
 
     def of(self, catalog: Catalog) -> dict[str, str]:
-        """Image -> 64 hexadecimal digits. What counts: the files of its context (names, modes, links, content; not
-        times), the Dockerfile, arguments, target and platform; identities of the images of the tree that it stands on,
-        and the references of others. Of an imported one: the command, and the files that it names. Raises
-        Invalid."""
+        """Image -> 64 hexadecimal digits.
+
+        They depend on the files of its context (names, modes, links, content; not times), the Dockerfile, arguments,
+        target and platform, the identities of its bases in the tree, and the references of its other bases. For an
+        imported image, they depend on the command and the files that it names. Raises Invalid."""
         self.files.begin()
         found: dict[str, str] = {}
         for name in parents_first(catalog.images):
@@ -41,7 +42,7 @@ class Identities:
         return found
 
     def one(self, image: Image, identities: Mapping[str, str]) -> str:
-        """Of an image, with those of the images of the tree that it stands on. Raises Invalid."""
+        """The identity of one image, given those of its bases in the tree. Raises Invalid."""
         below = [identities.get(plain(base), base) for base in image.bases]
         return _digest([VERSION, *_said(image), below, self._files(image)])
 
@@ -57,7 +58,7 @@ class Identities:
         return name, facts.st_mode, told
 
     def _one(self, path: str) -> str:
-        """A file that is named by itself; "" where there is none."""
+        """The digest of a single file; "" if it does not exist."""
         try:
             facts = os.stat(path)
         except (OSError, ValueError):
@@ -66,15 +67,15 @@ class Identities:
 
 
 def _bounded(image: Image, context: Path) -> Iterator[tuple[str, os.stat_result]]:
-    """The files of a context. Raises Invalid for what cannot be read, and where there is more than anybody means to
-    build from: it would be read whole, while the robot waits."""
+    """The files of a context. Raises Invalid if they cannot be read, or if there are too many: all of them would be
+    read while the robot waits."""
     count, size = 0, 0
     try:
         for name, facts in context_files(context, image.dockerfile):
             count, size = count + 1, size + facts.st_size * stat.S_ISREG(facts.st_mode)
             if count > MOST_FILES or size > MOST_BYTES:
                 much = f"{context} has more than {MOST_FILES:,} files or {MOST_BYTES >> 30} GiB"
-                raise Invalid(f"build {image.name}", much, "a .dockerignore for what it is not built from")
+                raise Invalid(f"build {image.name}", much, "a .dockerignore for files that the build does not need")
             yield name, facts
     except OSError as error:
         why = f"{error.filename or context}: {error.strerror}"
@@ -90,6 +91,6 @@ def _digest(value: Any) -> str:
     return hashlib.sha256(json.dumps(value, sort_keys=True).encode(errors="surrogateescape")).hexdigest()
 
 
-def renewed(identity: str, bases: Mapping[str, str]) -> str:
-    """Of an image that is built again from the same files on other bases."""
+def rebuilt_identity(identity: str, bases: Mapping[str, str]) -> str:
+    """The identity of an image that is rebuilt from the same files on other bases."""
     return _digest([VERSION, identity, dict(bases)])

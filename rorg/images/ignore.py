@@ -1,4 +1,4 @@
-"""What a .dockerignore leaves out: patterns as Docker reads them (moby's patternmatcher)."""
+"""The patterns of a .dockerignore, interpreted as Docker does (moby's patternmatcher)."""
 
 from __future__ import annotations
 
@@ -15,27 +15,27 @@ NAME = ".dockerignore"
 
 
 class Pattern:
-    """One line. Raises ValueError for one that Docker refuses."""
+    """One line. Raises ValueError if Docker refuses it."""
 
     def __init__(self, line: str) -> None:
         self.exception = line.startswith("!")
         text = line[1:].strip() if self.exception else line
         if not text:
-            raise ValueError("'!' alone excepts nothing")
+            raise ValueError("'!' without a pattern")
         text = posixpath.normpath(text)
         self.text = text.lstrip("/") if len(text) > 1 else text
         try:
             self._whole = compiled(_expression(self.text))
             self._parts = [None if "**" in p else compiled(_expression(p)) for p in self.text.split("/")]
         except ValueError as error:
-            raise ValueError(f"'{line}' is no pattern: {error}") from error
+            raise ValueError(f"'{line}' is not a valid pattern: {error}") from error
 
     def matches(self, parts: Sequence[str]) -> bool:
-        """Whether it means a path, or a directory above it."""
+        """Whether it matches a path, or a directory above it."""
         return any(self._whole.fullmatch(_text("/".join(parts[:end]))) for end in range(len(parts), 0, -1))
 
     def reaches_below(self, parts: Sequence[str]) -> bool:
-        """Whether it may mean something within a directory."""
+        """Whether it may match something inside a directory."""
         for part, pattern in zip(parts, self._parts, strict=False):
             if pattern is None:
                 return True
@@ -45,13 +45,13 @@ class Pattern:
 
 
 def _text(path: str) -> str:
-    """A path in characters; a name may have bytes that are none."""
+    """A path as text; bytes that are not UTF-8 are replaced."""
     return path.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
 
 
 def _expression(pattern: str) -> str:
-    """`*` and `?` stop at a slash, `**` does not; what is in brackets, and after a backslash, is as Go has it. RE2,
-    which is Go's own, takes no pattern a long time."""
+    """`*` and `?` stop at a slash, `**` does not. Brackets and backslashes have Go's meaning. RE2, the engine of Go,
+    has no slow patterns."""
     return "(?s)" + "".join(_pieces(pattern))
 
 
@@ -69,14 +69,14 @@ def _pieces(pattern: str) -> Iterator[str]:
 
 
 class Ignore:
-    """All lines; of several that mean a path the last one counts."""
+    """All lines. If several match a path, the last one wins."""
 
     def __init__(self, lines: Sequence[str]) -> None:
         self._patterns = [Pattern(line) for line in lines]
         self._exceptions = [p for p in self._patterns if p.exception]
 
     def leaves_out(self, parts: Sequence[str]) -> bool:
-        """A path, by its parts."""
+        """Whether a path, given by its parts, is left out."""
         out = False
         for pattern in self._patterns:
             if pattern.exception == out and pattern.matches(parts):
@@ -84,13 +84,13 @@ class Ignore:
         return out
 
     def leaves_out_all_of(self, parts: Sequence[str]) -> bool:
-        """A directory that is left out, and no exception reaches into it."""
+        """Whether a directory is left out, and no exception matches inside it."""
         return self.leaves_out(parts) and not any(p.reaches_below(parts) for p in self._exceptions)
 
 
 def read_ignore(context: Path, dockerfile: str) -> Ignore:
-    """That of a context: `DOCKERFILE.dockerignore` where there is one, else `.dockerignore`, as BuildKit has it.
-    Raises OSError, whose `strerror` says why, for one that cannot be read or has a bad line."""
+    """The patterns of a context: from `DOCKERFILE.dockerignore` if it exists, otherwise from `.dockerignore`, as in
+    BuildKit. Raises OSError, whose `strerror` says why, if it cannot be read or has a bad line."""
     for path in (context / f"{dockerfile}{NAME}", context / NAME):
         try:
             text = read_text(path, context)

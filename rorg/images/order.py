@@ -1,4 +1,4 @@
-"""What is to be done about images, who does it, who hears of it, and what became of it."""
+"""Orders for images: what to do, who does it, who listens, and the result."""
 
 from __future__ import annotations
 
@@ -11,67 +11,67 @@ from rorg.model.catalog import Image
 from rorg.model.image_names import SHORT
 
 LABEL_IMAGE = "rorg.io/image"
-"""Label of an image of ours: which Image of a tree it is."""
+"""Label of rorg's images: the Image in a tree."""
 LABEL_IDENTITY = "rorg.io/identity"
-"""Likewise: of which content."""
+"""Label of rorg's images: their content."""
 LABEL_BUILDER = "rorg.io/built-by"
-"""Likewise: the instance that built it. Not the label of an owner: containers have the labels of their image, and one
-that a person makes of it is nobody's service."""
+"""Label of rorg's images: the instance that built them. It is not the owner's label: containers inherit labels from
+their image, and one that a person creates from it does not belong to a service."""
 
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """One image that is to be had."""
+    """One image to get."""
 
     reference: str
-    """What containers are made from: "NAME:<12 digits>", or an external reference."""
+    """The reference that containers use: "NAME:<12 digits>", or an external reference."""
     image: Image | None = None
-    """None: an external image, which is pulled."""
+    """None for an external image, which is pulled."""
     also: tuple[str, ...] = ()
-    """Further tags that it gets."""
+    """Additional tags."""
     labels: Mapping[str, str] = field(default_factory=dict)
     below: tuple[str, ...] = ()
     """References of orders that must be carried out first."""
     replacements: Mapping[str, str] = field(default_factory=dict)
-    """Reference in the Dockerfile -> what is put in its place: the reference of that order."""
+    """Reference in the Dockerfile -> its replacement: the reference of that order."""
     there: bool = False
-    """It is on the machine, and wanted as it is: nothing is done."""
+    """The image exists and is wanted as it is, so nothing is done."""
     pull: bool = False
-    """An external image that is there is pulled all the same; where that fails it stays as it is."""
+    """Pull an external image although it exists; if that fails, the existing one stays."""
     cache: bool = True
-    """What the engine has kept of earlier builds may be used."""
+    """Whether results of earlier builds in the engine's cache may be used."""
     unchanged: Callable[[], bool] = field(default=lambda: True, compare=False)
-    """Asked once it is made: whether what it was made from is still what its reference means."""
+    """Asked after the build: whether the files still are what the reference means."""
 
     @property
     def name(self) -> str:
-        """That of the Image, or the reference: for people."""
+        """The name of the Image, or the reference; for people."""
         return self.image.name if self.image else self.reference
 
     @property
     def log_name(self) -> tuple[str, str]:
-        """(what the names of its logs begin with, what tells this content's from others)."""
+        """(prefix of its logs' names, what distinguishes this content from others)."""
         stem = self.name.replace("/", "-").replace(":", "-")
         return stem, self.labels.get(LABEL_IDENTITY, "")[:SHORT] or "latest"
 
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """What became of an order."""
+    """The result of an order."""
 
     reference: str
     outcome: str
     """built, imported, pulled, present, failed or skipped."""
     message: str = ""
-    """Why it failed or was skipped, or could not be pulled anew; one line."""
+    """Why it failed, was skipped, or could not be pulled again; one line."""
     step: str = ""
-    """The instruction that failed, as the engine says it: "Step 3/7 : COPY nothing /x"."""
+    """The instruction that failed, in the engine's words: "Step 3/7 : COPY nothing /x"."""
     log: str = ""
-    """The file with all that was said; empty where there is none."""
+    """The file with the full log; empty if there is none."""
     seconds: float = 0.0
     id: str = ""
-    """What the engine calls it: the id of what was built or imported, the digest of what was pulled. Empty where
-    nothing was done."""
+    """The engine's name: the id of a built or imported image, the digest of a pulled one. Empty if nothing was
+    done."""
 
     @property
     def good(self) -> bool:
@@ -79,7 +79,7 @@ class Result:
 
 
 class StepFailed(EngineError):
-    """A build that failed at an instruction."""
+    """A build failed at an instruction."""
 
     def __init__(self, what: str, why: str, step: str) -> None:
         super().__init__(what, why)
@@ -87,48 +87,50 @@ class StepFailed(EngineError):
 
 
 class Say(Protocol):
-    """Where all goes that is said while an image comes to be. `step`: it is what is being done, for people to see."""
+    """Receives all output while an image is made. `step`: the text is the current instruction, to be shown to
+    people."""
 
     def __call__(self, text: str, step: bool = False) -> None: ...
 
 
 class Builder(Protocol):
-    """Where images come to be. Used by one thread, but for cancel(). Everything raises RorgError; build() and load()
-    OSError too, for what cannot be read."""
+    """Makes images. Used by one thread, except for cancel(). Every method raises RorgError; build() and load() also
+    raise OSError for unreadable files."""
 
     def there(self, references: Collection[str]) -> set[str]:
-        """Those of them that the engine has: one call."""
+        """The references that the engine has, with a single call."""
         ...
 
     def pull(self, reference: str, say: Say) -> None: ...
 
     def build(self, order: Order, say: Say) -> str:
-        """Builds an image with a context, labelled, tagged with the order's reference; its id. Raises StepFailed."""
+        """Builds an image with a context, labels it and tags it with the order's reference; its id. Raises
+        StepFailed."""
         ...
 
     def load(self, order: Order, say: Say) -> str:
-        """The same of an image that is imported. Nothing is tagged where the command fails."""
+        """The same for an imported image. Nothing is tagged if the command fails."""
         ...
 
     def tag(self, reference: str, also: str) -> None: ...
 
     def remove(self, references: Collection[str]) -> None:
-        """Takes images away again; one that something still uses stays."""
+        """Removes images, except those still in use."""
         ...
 
     def digest(self, reference: str) -> str:
-        """Of what was pulled, as its registry has it; else the id."""
+        """The digest of a pulled image in its registry; otherwise the id."""
         ...
 
     def cancel(self) -> None:
-        """Ends what is under way, from any thread, and whatever is asked for later: both fail."""
+        """Makes everything under way, and everything asked for later, fail. Any thread may call it."""
         ...
 
     def close(self) -> None: ...
 
 
 class Listener(Protocol):
-    """Hears of a build as it goes on: from several threads, one at a time."""
+    """Is told about a build as it proceeds: from several threads, one at a time."""
 
     def began(self, order: Order) -> None: ...
     def step(self, order: Order, text: str) -> None: ...

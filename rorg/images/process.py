@@ -1,4 +1,4 @@
-"""Images on the process engine."""
+"""Images on the process engine, which has none: an image just adds folders to PATH."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ LOCK = ".process-images.lock"
 
 
 class ProcessBuilder:
-    """On the process engine an image stands for the programs in its context and in its parents' contexts: their
-    folders come first in PATH. Noted in the state directory, by reference. See Builder."""
+    """Notes, by reference, the folders with the programs of an image: its context and those of its parents. They come
+    first in PATH. See Builder."""
 
     def __init__(self, state: Path) -> None:
         self._path = state / "process-images.json"
@@ -56,7 +56,7 @@ class ProcessBuilder:
         return read_json(self._path) or {}
 
     def _note(self, reference: str, folders: Sequence[str]) -> str:
-        """Several builders write it, and so do several commands."""
+        """Adds an entry under a lock, because several builders and commands write the file."""
         with locked(self._path.with_name(LOCK)):
             write_atomic(self._path, json.dumps({**self._noted(), reference: list(folders)}), durable=False)
         return reference

@@ -1,4 +1,4 @@
-"""What was built, and which images the last revisions were made from: `images.json` of the state directory."""
+"""Records what was built, and which images the last revisions used: `images.json` of the state directory."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from rorg.store.state_dir import read_json
 NAME = "images.json"
 LOCK = ".images.lock"
 KEPT = 5
-"""Revisions whose images are kept, where the Policy does not say."""
+"""Revisions whose images are kept, unless the Policy says otherwise."""
 MOST = 100
-"""Revisions that are remembered."""
+"""Revisions that are recorded."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,23 +26,23 @@ class Built:
     name: str
     reference: str
     id: str = ""
-    """The engine's."""
+    """The engine's id."""
     at: str = ""
-    """ISO 8601 in UTC."""
+    """Time in ISO 8601, UTC."""
     bases: Mapping[str, str] = field(default_factory=dict)
-    """What it stands on -> the reference or the digest that this was then."""
+    """Base -> its reference or digest at that time."""
 
 
 class Records:
-    """Of one state directory. What is not there, or cannot be understood, is as if nothing had been built: an image is
-    looked for by the reference that its identity gives."""
+    """The records of one state directory. A missing or unreadable file counts as empty: an image is then found by the
+    reference that its identity gives."""
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.path = folder, folder / NAME
         self._read: tuple[Any, dict[str, Any]] = None, {}
 
     def built(self) -> dict[str, Built]:
-        """Identity -> what was built of it last."""
+        """Identity -> its last build."""
         found = {}
         for identity, entry in _entries(self._content()).items():
             try:
@@ -52,24 +52,24 @@ class Records:
         return found
 
     def revisions(self) -> list[list[str]]:
-        """References that a state of the manifests used, the last one first."""
+        """References that each state of the manifests used, latest first."""
         found = self._content().get("revisions")
         entries = found if isinstance(found, list) else []
         return [[str(reference) for reference in entry] for entry in entries if isinstance(entry, list)]
 
     def note(self, built: Mapping[str, Built]) -> None:
-        """Identities that were built. Raises OSError."""
+        """Records builds, by identity. Raises OSError."""
         if built:
             self._change(lambda content: {"built": {**_entries(content), **{i: asdict(b) for i, b in built.items()}}})
 
     def use(self, references: Iterable[str]) -> None:
-        """A state of the manifests uses these. Raises OSError."""
+        """Records that the current state of the manifests uses these. Raises OSError."""
         used = sorted(set(references))
         if used and self.revisions()[:1] != [used]:
             self._change(lambda _: {"revisions": [used, *(r for r in self.revisions() if r != used)][:MOST]})
 
     def forget(self, references: Iterable[str]) -> None:
-        """These are on the machine no more. Raises OSError."""
+        """Records that these were removed from the machine. Raises OSError."""
         gone = set(references)
         self._change(
             lambda content: {
@@ -86,7 +86,7 @@ class Records:
 
     @property
     def stamp(self) -> tuple[int, ...]:
-        """Changes with what is written; empty where nothing is."""
+        """Changes whenever the file does; empty if there is none."""
         try:
             facts = self.path.stat()
         except OSError:

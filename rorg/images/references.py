@@ -1,4 +1,4 @@
-"""Which reference means the content of each image of a tree: what services are made from."""
+"""Decides which reference names the content of each image of a tree: what services run."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
-from rorg.images.identity import Identities, renewed
+from rorg.images.identity import Identities, rebuilt_identity
 from rorg.images.records import Built, Records
 from rorg.model.catalog import Catalog
 from rorg.model.engines import ENGINES
@@ -17,25 +17,25 @@ from rorg.model.image_names import declared, with_identity
 
 @dataclass(frozen=True, kw_only=True)
 class Content:
-    """What the images of a tree are made from."""
+    """The content of the images of a tree."""
 
     identities: Mapping[str, str] = field(default_factory=dict)
     """Image -> its identity."""
     references: Mapping[str, str] = field(default_factory=dict)
-    """Image -> the reference that means this content."""
+    """Image -> the reference for this content."""
 
     @cached_property
     def names(self) -> Mapping[str, str]:
-        """Reference -> the Image that it is of."""
+        """Reference -> its Image."""
         return {reference: name for name, reference in self.references.items()}
 
     def named(self, reference: str) -> str:
-        """The Image that a reference is of; else the reference itself."""
+        """The Image of a reference, or the reference itself."""
         return self.names.get(reference, reference)
 
 
 class References:
-    """Of one state directory. Where an image is no more than a name to the engine, that is its reference."""
+    """References in one state directory. If images are only names to the engine, the name is the reference."""
 
     def __init__(self, records: Records, by_content: bool = True) -> None:
         self.records, self.by_content = records, by_content
@@ -49,7 +49,7 @@ class References:
 
 
 def references_for(engine: str, folder: Path) -> References:
-    """Those of a state directory, for the engine of that name."""
+    """The references of a state directory, for the engine with this name."""
     return References(Records(folder), engine in ENGINES and ENGINES[engine].images)
 
 
@@ -59,9 +59,9 @@ def references(
     built: Mapping[str, Built],
     digests: Mapping[str, str] | None = None,
 ) -> dict[str, str]:
-    """Image -> reference, by its identity. One that was built from other bases than it would be now gets another one:
-    a parent was built anew, or an external base is another one by `digests` (reference -> digest) where they are given.
-    `built`: what was built last of each identity. Pure."""
+    """Image -> reference, from its identity. An image gets a new reference if its bases have changed since its last
+    build: a parent was rebuilt, or an external base has a new digest. `built`: the last build of each identity;
+    `digests`: reference -> digest, if they are known. Pure."""
     found: dict[str, str] = {}
     for name in parents_first(catalog.images):
         identity = identities[name]
@@ -72,13 +72,13 @@ def references(
         elif all(last.bases.get(reference, now) == now for reference, now in bases.items()):
             found[name] = last.reference
         else:
-            found[name] = with_identity(name, renewed(identity, {**last.bases, **bases}))
+            found[name] = with_identity(name, rebuilt_identity(identity, {**last.bases, **bases}))
     return found
 
 
 def bases_of(catalog: Catalog, name: str, references: Mapping[str, str], digests: Mapping[str, str]) -> dict[str, str]:
-    """What an image stands on -> what that is: the reference of an image of the tree, the digest of another one; those
-    of unknown digest are left out."""
+    """Base of an image -> what it is: the reference of an image of the tree, or the digest of an external one. Bases of
+    unknown digest are left out."""
     found = {}
     for base in catalog.images[name].bases:
         own = declared(base, catalog.images)

@@ -1,39 +1,53 @@
-"""Getting images: what is to be built or pulled is made out, done, and written down as soon as it is done."""
+"""Gets the images that services need: decides what to build or pull, does it, and records each result immediately."""
 
 from __future__ import annotations
 
 import contextlib
 import threading
-from collections.abc import Callable, Iterable, Mapping
+import time
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 
+from rorg.engines.protocol import Engine
 from rorg.errors import RorgError
+from rorg.host.clock import wall_clock
 from rorg.images.build import build
-from rorg.images.identity import Identities, renewed
-from rorg.images.order import Builder, Listener, Order, Result
-from rorg.images.orders import externals, orders_for
+from rorg.images.identity import Identities, rebuilt_identity
+from rorg.images.order import LABEL_BUILDER, LABEL_IDENTITY, LABEL_IMAGE, Builder, Listener, Order, Result
+from rorg.images.process import ProcessBuilder
 from rorg.images.records import Built, Records
 from rorg.images.references import Content, bases_of, references
 from rorg.model.catalog import Catalog, Image
 from rorg.model.image_names import declared, with_identity
+from rorg.store.state_dir import StateDir
+
+LOGS = "builds"
+"""Folder of the state directory for the logs of builds."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Supplier:
-    """Of one state directory. `clock` gives seconds, `wall` ISO 8601 in UTC."""
+    """Gets images for one engine and one state directory."""
 
-    make_builder: Callable[[], Builder]
-    records: Records
-    logs: Path
-    owner: str
-    clock: Callable[[], float]
-    wall: Callable[[], str]
-    jobs: int
+    def __init__(self, engine: Engine, state: StateDir, owner: str, jobs: int, imports: bool = True) -> None:
+        """`owner`: the instance that the images belong to; `jobs`: how many images are built at the same time. Without
+        `imports`, no import command runs, so an image based on an imported one is built only if that one exists."""
+        self.engine, self.state, self.owner, self.jobs, self.imports = engine, state, owner, jobs, imports
+        self.records = Records(state.path)
+
+    def make_builder(self) -> Builder:
+        """A builder that puts images where the engine runs them. Its libraries are loaded with the first one. Raises
+        Unreachable."""
+        from rorg.engines.docker.engine import DockerEngine
+
+        if not isinstance(self.engine, DockerEngine):
+            return ProcessBuilder(self.state.path)
+        from rorg.images.docker import DockerBuilder
+
+        return DockerBuilder(self.engine, imports=self.imports)
 
     def orders(self, catalog: Catalog, content: Content, names: Iterable[str], cache: bool = True) -> list[Order]:
-        """What would be done to have these: Images of the tree, or external references."""
+        """What supply() would do for these Images of the tree, or external references."""
         builder = self.make_builder()
         try:
             return self._orders(builder, catalog, content, list(names), cache)
@@ -50,104 +64,99 @@ class Supplier:
         pull: bool = False,
         cache: bool = True,
     ) -> list[Result]:
-        """Has these images. `pull`: external ones are pulled anew first, and what stands on one that is another one
-        then is built again. Without `cache` all is built again."""
+        """Gets these images. `pull`: pull external images again first, and rebuild everything based on one that has
+        changed. Without `cache`, rebuild everything."""
         builder, wanted = self.make_builder(), list(names)
         try:
             pulled, digests = self._pull(builder, catalog, wanted, listener, stop) if pull else ([], {})
             content = self._renewed(catalog, content, digests, () if cache else wanted)
             orders = self._orders(builder, catalog, content, wanted, cache)
-            known = {order.reference for order in orders}
-            noting = _Noting(self, builder, catalog, content, orders, listener)
-            done = build(
-                orders,
-                self.make_builder,
-                jobs=self.jobs,
-                clock=self.clock,
-                listener=noting,
-                stop=stop,
-                logs=self.logs,
-            )
+            known = {order.reference: order.image for order in orders}
+            images = {reference: image for reference, image in known.items() if image}
+            done = self._build(orders, _Noting(self, builder, catalog, content, images, listener), stop)
         finally:
             builder.close()
         told = {result.reference: result for result in pulled}
         results = [told.get(r.reference, r) if r.outcome == "present" else r for r in done]
         return [*(r for r in pulled if r.reference not in known), *results]
 
+    def _build(self, orders: list[Order], listener: Listener, stop: threading.Event | None) -> list[Result]:
+        return build(
+            orders,
+            self.make_builder,
+            jobs=self.jobs,
+            clock=time.monotonic,
+            listener=listener,
+            stop=stop,
+            logs=self.state.path / LOGS,
+        )
+
     def _orders(
         self, builder: Builder, catalog: Catalog, content: Content, names: list[str], cache: bool
     ) -> list[Order]:
-        there = builder.there({*content.references.values(), *externals(catalog, names)})
         orders = orders_for(
             catalog,
             names,
             identities=content.identities,
             tags=content.references,
-            there=there,
+            there=builder.there({*content.references.values(), *externals(catalog, names)}),
             owner=self.owner,
             cache=cache,
         )
         return [
-            replace(order, unchanged=partial(_is_still, order.image, content))
+            replace(order, unchanged=partial(_is_unchanged, order.image, content))
             if order.image and content.identities
             else order
             for order in orders
         ]
 
     def _pull(
-        self,
-        builder: Builder,
-        catalog: Catalog,
-        names: list[str],
-        listener: Listener,
-        stop: threading.Event | None,
+        self, builder: Builder, catalog: Catalog, names: list[str], listener: Listener, stop: threading.Event | None
     ) -> tuple[list[Result], dict[str, str]]:
-        """What became of it, and reference -> digest of what is there."""
+        """The results, and the digest of each reference that now exists."""
         asked = sorted(externals(catalog, names))
         there = builder.there(asked)
-        orders = [Order(r, there=r in there, pull=r in there) for r in asked]
-        results = build(
-            orders, self.make_builder, jobs=self.jobs, clock=self.clock, listener=listener, stop=stop, logs=self.logs
-        )
+        results = self._build([Order(r, there=r in there, pull=r in there) for r in asked], listener, stop)
         return results, {r.reference: builder.digest(r.reference) for r in results if r.good}
 
     def _renewed(self, catalog: Catalog, content: Content, digests: Mapping[str, str], anew: Iterable[str]) -> Content:
-        """With what stands on other bases, and what is built anew, under other references."""
+        """The content with new references for images whose bases changed, and for those that are built again."""
         if not content.identities:
             return content
         found = references(catalog, content.identities, self.records.built(), digests)
-        salt = {"built at": self.wall()}
+        salt = {"built at": wall_clock()}
         for name in filter(None, (declared(n, catalog.images) for n in anew)):
-            found[name] = with_identity(name, renewed(content.identities[name], salt))
+            found[name] = with_identity(name, rebuilt_identity(content.identities[name], salt))
         return replace(content, references=found)
 
 
-def _is_still(image: Image, content: Content) -> bool:
-    """Whether an image's files are those of its identity: somebody may have changed them since it was asked for."""
+def _is_unchanged(image: Image, content: Content) -> bool:
+    """Whether an image's files still have its identity: they may have been edited since the image was requested."""
     return Identities().one(image, content.identities) == content.identities[image.name]
 
 
+@dataclass
 class _Noting:
-    """A listener that writes down what was built before it tells it."""
+    """A listener that records each built image before it passes the result on."""
 
-    def __init__(
-        self,
-        supplier: Supplier,
-        builder: Builder,
-        catalog: Catalog,
-        content: Content,
-        orders: Iterable[Order],
-        listener: Listener,
-    ) -> None:
-        self.supplier, self.builder, self.catalog, self.content = supplier, builder, catalog, content
-        self.images = {order.reference: order.image for order in orders if order.image}
-        self.began, self.step, self.listener = listener.began, listener.step, listener
+    supplier: Supplier
+    builder: Builder
+    catalog: Catalog
+    content: Content
+    images: Mapping[str, Image]
+    listener: Listener
+
+    def began(self, order: Order) -> None:
+        self.listener.began(order)
+
+    def step(self, order: Order, text: str) -> None:
+        self.listener.step(order, text)
 
     def ended(self, result: Result) -> None:
         image = self.images.get(result.reference)
         identity = self.content.identities.get(image.name) if image else None
         if image and identity and result.outcome in ("built", "imported"):
-            with contextlib.suppress(RorgError, OSError):  # it is there all the same, and found by its identity
+            with contextlib.suppress(RorgError, OSError):  # the image exists, and its identity finds it
                 self._note(image, identity, result)
         self.listener.ended(result)
 
@@ -155,5 +164,72 @@ class _Noting:
         found = externals(self.catalog, image.bases) & set(image.bases)
         digests = {base: self.builder.digest(base) for base in sorted(found)}
         bases = bases_of(self.catalog, image.name, self.content.references, digests)
-        built = Built(image.name, result.reference, result.id, self.supplier.wall(), bases)
-        self.supplier.records.note({identity: built})
+        self.supplier.records.note({identity: Built(image.name, result.reference, result.id, wall_clock(), bases)})
+
+
+def orders_for(
+    catalog: Catalog,
+    names: Iterable[str],
+    *,
+    identities: Mapping[str, str],
+    tags: Mapping[str, str],
+    there: Collection[str],
+    owner: str,
+    pull: bool = False,
+    cache: bool = True,
+) -> list[Order]:
+    """Orders for these images and their bases, each after its bases. The bases of an existing image are not needed.
+
+    `names`: Images of the tree, or external references. `identities`, `tags`: Image -> identity, and the reference in
+    force. `there`: references that the engine has. `pull`: existing external images are pulled again. Without `cache`,
+    the named Images are built again, and nothing that the engine kept of them is used."""
+    found: dict[str, Order] = {}
+    names = list(names)
+    anew = set() if cache else {declared(name, catalog.images) for name in names}
+
+    def add(name: str) -> str:
+        """The reference of its order. There is no cycle: trees are checked when they are loaded."""
+        image = catalog.images.get(declared(name, catalog.images))
+        reference = tags[image.name] if image else name
+        if reference in found:
+            return reference
+        if image is None:
+            found[reference] = Order(reference, there=name in there, pull=pull and name in there)
+        elif reference in there and image.name not in anew:
+            found[reference] = order(image, reference, {}, True)
+        else:
+            found[reference] = order(image, reference, {base: add(base) for base in image.bases}, False)
+        return reference
+
+    def order(image: Image, reference: str, below: Mapping[str, str], present: bool) -> Order:
+        labels = {LABEL_IMAGE: image.name, LABEL_IDENTITY: identities.get(image.name, ""), LABEL_BUILDER: owner}
+        return Order(
+            reference,
+            image,
+            also=(image.name,) if image.name != reference else (),
+            labels={key: value for key, value in labels.items() if value},
+            below=tuple(dict.fromkeys(below.values())),
+            replacements={base: to for base, to in below.items() if base != to},
+            there=present,
+            cache=image.name not in anew,
+        )
+
+    for name in names:
+        add(name)
+    return list(found.values())
+
+
+def externals(catalog: Catalog, names: Iterable[str]) -> set[str]:
+    """External references that these images may need; the names may be Images of the tree or external themselves."""
+    found, seen, pending = set[str](), set[str](), list(names)
+    while pending:
+        name = pending.pop()
+        if name in seen:
+            continue
+        seen.add(name)
+        image = catalog.images.get(declared(name, catalog.images))
+        if image is None:
+            found.add(name)
+        else:
+            pending += image.bases
+    return found

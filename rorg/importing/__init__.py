@@ -1,1 +1,1 @@
-"""What others declare (Compose files, units of systemd, launch files) as texts of manifests. Writes nothing itself."""
+"""Turns what others declare (Compose files, systemd units, launch files) into manifests."""

@@ -1,26 +1,122 @@
-"""A Compose project as a robot: its services under a common profile that adds nothing, so that rorg creates what
-Compose creates."""
+"""Imports a Compose project as a robot.
+
+Its services get a common profile that adds nothing, so that rorg creates the same containers as Compose does."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 from rorg.compose.project import Project
-from rorg.importing.compose_environment import taken
 from rorg.importing.compose_images import images
-from rorg.importing.compose_objects import groups, networks, requests, volumes
-from rorg.importing.compose_services import services
-from rorg.importing.compose_work import Work
+from rorg.importing.compose_keys import NETWORK, VOLUME, Row
+from rorg.importing.compose_options import OF_THE_ENGINE
+from rorg.importing.compose_services import fixed_variables, services
+from rorg.importing.compose_work import SOUND, Work
 from rorg.importing.manifests import Imported, Made
+from rorg.manifest.yaml_text import Noted
+
+NAMED = "as Compose calls it"
+
+
+def networks(work: Work) -> list[Made]:
+    """Networks that a service is in."""
+    used = {n for said in work.project.services.values() for n in said.get("networks") or ()}
+    found = []
+    for name, said in work.project.networks.items():
+        if name in used and work.known("networks", name) in OF_THE_ENGINE:
+            continue
+        if name in used:
+            found.append(_object(work, "Network", "networks", name, said, NETWORK))
+        else:
+            work.note(f"no service is in the network {name}, so it gets no manifest", "networks", name)
+    return found
+
+
+def volumes(work: Work) -> list[Made]:
+    """Volumes that a service mounts."""
+    mounts = [m for said in work.project.services.values() for m in said.get("volumes") or ()]
+    used = {m.get("source") for m in mounts if m["type"] == "volume"}
+    found = []
+    for name, said in work.project.volumes.items():
+        if name in used:
+            found.append(_object(work, "Volume", "volumes", name, said, VOLUME))
+        else:
+            work.note(f"no service mounts the volume {name}, so it gets no manifest", "volumes", name)
+    return found
+
+
+def _object(work: Work, kind: str, section: str, name: str, said: Mapping[str, Any], table: Mapping[str, Row]) -> Made:
+    work.check(table, said, section, name, shown=f"{section}.{name}.")
+    called, known = work.called(section, name), work.known(section, name)
+    comments = [f"From {work.origin(section, name)}, {kind.lower()} {name}."]
+    if said.get("external"):
+        return Made(kind, called, {**({"name": known} if known != called else {}), "external": True}, tuple(comments))
+    if kind == "Volume":
+        comments.append(
+            f"If Compose has already created {known}, write `external: true` and nothing else but the name."
+        )
+    spec: dict[str, Any] = {"name": Noted(known, NAMED)} if known != called else {}
+    for key in table:
+        if key not in ("name", "external", "ipam") and said.get(key) not in (None, {}, []):
+            spec[key] = said[key]
+    spec |= {"ipam": ipam} if (ipam := _ipam(said.get("ipam") or {})) else {}
+    return Made(kind, called, spec, tuple(comments))
+
+
+def _ipam(said: Mapping[str, Any]) -> dict[str, Any]:
+    """Without empty values: `ipam: {}` means nothing."""
+    pools = [{k: v for k, v in pool.items() if v not in (None, "", {})} for pool in said.get("config") or ()]
+    found = {"driver": said.get("driver"), "config": [p for p in pools if p], "options": said.get("options")}
+    return {k: v for k, v in found.items() if v}
+
+
+def groups(work: Work) -> list[Made]:
+    """One group for each profile, and one for each service with several copies."""
+    services = work.project.services
+    found = []
+    for name in services:
+        if (copies := work.copies(name)) > 1:
+            members = [f"{name}-{n}" for n in range(1, copies + 1)]
+            comment = f"From {work.origin('services', name)}: the {copies} copies of {name}."
+            found.append(Made("Group", name, {"services": members}, (comment,)))
+    profiles: dict[str, list[str]] = {}
+    for name in services:
+        for profile in work.project.profiles.get(name, ()):
+            profiles.setdefault(profile, []).append(name)
+    for profile, members in profiles.items():
+        group = f"profile-{profile}" if profile in services or not SOUND.fullmatch(profile) else profile
+        place = ("services", members[0], "profiles")
+        if group != profile:
+            work.note(f"the profile {profile} becomes the group {group}, because a service has its name", *place)
+        comment = f"From {work.origin(*place)}: the profile {profile}. `rorg request {group}` starts it."
+        found.append(Made("Group", group, {"services": members}, (comment,)))
+    return found
+
+
+def requests(work: Work) -> list[Made]:
+    """A standing request for everything that `docker compose up` runs."""
+    names = [n for n in work.project.services if n in work.project.enabled and work.copies(n) > 0]
+    if not names:
+        message = "every service has a profile, so nothing runs without a request"
+        work.note(message, "services", remedy="`rorg request GROUP`, or --profile")
+        return []
+    comments = (
+        "What `docker compose up` runs. A service that is not in this list runs only while something requests it,",
+        "or while a running service needs it.",
+    )
+    spec = {"services": names, "reason": f"docker compose up of {work.project.name}"}
+    return [Made("Request", "compose", spec, comments)]
+
 
 COMMON = Made(
     "Profile",
     "common",
     {},
     (
-        "Adds nothing to what a service says, as Compose does. Without this file rorg gives every container",
-        "network_mode: host, an init process, no-new-privileges and a rotation of its log; see `rorg explain`.",
+        "Adds nothing to a service, like Compose. Without this file, rorg gives every container network_mode: host,",
+        "an init process, no-new-privileges and a log rotation; see `rorg explain`.",
     ),
 )
 
@@ -32,11 +128,13 @@ def from_compose(
     environment: Mapping[str, str],
     read: Callable[[Path], str | None],
 ) -> Imported:
-    """The manifests of a project. `tree`: where they will lie; `top`: what is below it is named relative to them (both
-    absolute); `environment`: what secrets and configs may take their content from; `read`: the text of a file, None for
-    one that is not there. Everything that cannot be carried over is told at once."""
+    """The manifests of a project, with a finding for everything that cannot be carried over.
+
+    `tree`: where the manifests will be; `top`: paths below it are written relative to them (both absolute).
+    `environment`: variables that secrets and configs may take their content from. `read`: the text of a file, None if
+    it does not exist."""
     work = Work(project, tree, top, environment, read)
     built, used = images(work)
     made = [COMMON, *services(work, used), *built, *networks(work), *volumes(work), *groups(work), *requests(work)]
-    found = [*work.found, *taken(work)]
+    found = [*work.found, *fixed_variables(work)]
     return Imported(tuple(made), dict(work.files), frozenset(work.private), tuple(sorted(dict.fromkeys(found))))

@@ -1,4 +1,4 @@
-"""What Compose builds, as manifests of kind Image: one for each image, whoever runs it."""
+"""What Compose builds, as manifests of kind Image: one for each image, however many services run it."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ REFERENCES = ("docker-image://", "image:")
 
 
 def images(work: Work) -> tuple[list[Made], dict[str, str]]:
-    """The Images, and the image that each service runs. Two services that build one name in two ways get an Image
-    each: under Compose whichever is built last is what both run."""
+    """The Images, and the image that each service runs. If two services build the same name in different ways, each
+    gets an Image of its own: under Compose, both run the one that was built last."""
     made: dict[str, Made] = {}
     used: dict[str, str] = {}
     wanted = {name: _name(work, name, said) for name, said in work.project.services.items()}
@@ -33,23 +33,23 @@ def images(work: Work) -> tuple[list[Made], dict[str, str]]:
         other = made.get(image.name)
         if other is not None and dict(other.spec) != dict(image.spec):
             own = _own_name(work, name)
-            message = f"the image {image.name} is built in another way by another service; this one is {own}"
+            message = f"another service builds the image {image.name} differently, so this one becomes {own}"
             work.note(message, "services", name, "build")
             image, used[name] = Made("Image", own, image.spec, image.comments), own
         if not re.fullmatch(NAME, image.name):
-            message = f"an Image cannot be called {image.name}"
-            work.refuse(message, "services", name, "image", remedy="a name in small letters, with or without a tag")
+            message = f"'{image.name}' is not a valid name of an Image"
+            work.refuse(message, "services", name, "image", remedy="a name in lower case, with or without a tag")
         made.setdefault(image.name, image)
     return list(made.values()), used
 
 
 def _own_name(work: Work, service: str) -> str:
-    """What Compose tags a build with that has no `image`."""
+    """The tag that Compose gives to a build without `image`."""
     return re.sub(r"[^a-z0-9]+$|[^a-z0-9._-]", "", f"{work.project.name}-{service}".lower())
 
 
 def _name(work: Work, name: str, said: Mapping[str, Any]) -> str:
-    """The image of a service: what it names, in the shortest form that means the same where it is built."""
+    """The image of a service. A built one gets the shortest name that means the same on this machine."""
     if not said.get("build"):
         return str(said.get("image") or "")
     return plain(said["image"]).lower() if said.get("image") else _own_name(work, name)
@@ -61,10 +61,8 @@ def _image(work: Work, name: str, image: str, wanted: Mapping[str, str]) -> Made
     work.check(BUILD, said, *place, shown="build.")
     context = str(said.get("context") or work.project.directory)
     if REMOTE.match(context):
-        work.refuse(
-            f"rorg builds nothing from {context}", *place, "context", remedy="a clone of it beside the manifests"
-        )
-    _holds_the_tree(work, image, context, place)
+        work.refuse(f"rorg cannot build from {context}", *place, "context", remedy="a clone of it beside the manifests")
+    _warn_of_manifests(work, image, context, place)
     spec: dict[str, Any] = {"context": work.local(context, "images")}
     dockerfile = _dockerfile(work, image, context, said)
     spec |= {"dockerfile": dockerfile} if dockerfile not in ("", "Dockerfile") else {}
@@ -75,25 +73,25 @@ def _image(work: Work, name: str, image: str, wanted: Mapping[str, str]) -> Made
         spec["additional_contexts"] = _contexts(work, said["additional_contexts"], wanted, place)
     platforms = said.get("platforms") or []
     if len(platforms) > 1:
-        message = "build.platforms: rorg builds an image for one platform"
-        work.refuse(message, *place, "platforms", remedy="the robot's, or none for that of the machine")
+        message = "build.platforms: rorg builds an image for only one platform"
+        work.refuse(message, *place, "platforms", remedy="the robot's, or none for the platform of the machine")
     spec |= {"platform": platforms[0]} if len(platforms) == 1 else {}
     return Made("Image", image, spec, (f"From {work.origin(*place)}, service {name}.",))
 
 
-def _holds_the_tree(work: Work, image: str, context: str, place: tuple[str, ...]) -> None:
-    """That a change of a manifest is a change of the image."""
+def _warn_of_manifests(work: Work, image: str, context: str, place: tuple[str, ...]) -> None:
+    """Warns if the manifests are part of the build context, so that editing them changes the image."""
     if context != str(work.tree) and not f"{work.tree}/".startswith(f"{context}/"):
         return
     inside = os.path.relpath(work.tree, context)
     ignored = (work.read(Path(context) / ".dockerignore") or "").split()
     if not {inside, f"{inside}/", f"/{inside}", f"**/{inside}"} & set(ignored):
-        message = f"the manifests lie in the context of {image}, so that each change of them builds it anew"
+        message = f"the manifests are in the context of {image}, so every change of them rebuilds it"
         work.warn(message, *place, "context", remedy=f"a line '{inside}' in {context}/.dockerignore")
 
 
 def _dockerfile(work: Work, image: str, context: str, said: Mapping[str, Any]) -> str:
-    """As an Image says it: in the context, or by a path that leads there from it."""
+    """The path in an Image: in the context, or relative to it."""
     if said.get("dockerfile_inline"):
         path = f"dockerfiles/{stem(image)}.Dockerfile"
         work.files[path] = said["dockerfile_inline"]
@@ -105,7 +103,7 @@ def _dockerfile(work: Work, image: str, context: str, said: Mapping[str, Any]) -
 def _args(work: Work, said: Mapping[str, Any], place: tuple[str, ...]) -> dict[str, str]:
     for name, value in said.items():
         if value is None:
-            work.note(f"build.args.{name} is not set anywhere, and left out", *place, "args", name)
+            work.note(f"build.args.{name} is not set anywhere, so it is left out", *place, "args", name)
     return {name: str(value) for name, value in said.items() if value is not None}
 
 
@@ -115,7 +113,7 @@ def _contexts(work: Work, said: Mapping[str, str], wanted: Mapping[str, str], pl
         if value.startswith("service:"):
             found[name] = wanted.get(value.removeprefix("service:"), value)
         elif REMOTE.match(value) and not value.startswith(REFERENCES):
-            message = f"build.additional_contexts.{name}: rorg builds nothing from {value}"
+            message = f"build.additional_contexts.{name}: rorg cannot build from {value}"
             work.refuse(message, *place, "additional_contexts", name, remedy="a clone of it beside the manifests")
         else:
             found[name] = value if value.startswith(REFERENCES) else work.local(value, "images")

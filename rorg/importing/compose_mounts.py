@@ -1,4 +1,4 @@
-"""What Compose mounts into a container (volumes, configs, secrets) as volumes of a manifest."""
+"""Volumes, configs and secrets of a Compose service, as volumes of a manifest."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from rorg.importing.compose_keys import FILE, SERVICE_FILE
 from rorg.importing.compose_work import SOUND, Work, size
 
 BASES = {"configs": "/", "secrets": "/run/secrets/"}
-"""Where what names no absolute path lies in the container."""
+"""Folders in the container for configs and secrets without an absolute target."""
 
 
 def volumes(work: Work, name: str, value: list[Mapping[str, Any]]) -> list[Any]:
-    """All of one service."""
+    """All volumes of one service."""
     found = [_volume(work, name, index, item) for index, item in enumerate(value)]
     return [item for item in found if item is not None]
 
@@ -70,7 +70,7 @@ def _long(kind: str, said: Mapping[str, Any], own: Mapping[str, Any]) -> dict[st
 
 
 def files_of(work: Work, name: str, section: str) -> list[Any]:
-    """Mounts of the configs or the secrets of one service: plain files of this machine from now on."""
+    """Mounts of the configs or secrets of a service. They become plain files of this machine."""
     declared = getattr(work.project, section)
     found = []
     for index, said in enumerate(work.project.services[name].get(section) or ()):
@@ -82,17 +82,17 @@ def files_of(work: Work, name: str, section: str) -> list[Any]:
         target = target if target.startswith("/") else BASES[section] + target
         if path:
             found.append({"type": "bind", "source": path, "target": target, "read_only": True})
-            work.warn(f"{section[:-1]} {source} is the file {path} from now on, mounted read only", *place)
+            work.warn(f"{section[:-1]} {source} becomes the file {path}, mounted read-only", *place)
     return found
 
 
 def _file(work: Work, section: str, source: str, said: Mapping[str, Any]) -> str:
-    """The file as a service mounts it; one is made of what is written in the Compose file or in the environment."""
+    """The file as a service mounts it. Content from the Compose file or the environment is written to a new file."""
     work.check(FILE, said, section, source, shown=f"{section}.{source}.")
     if said.get("file"):
         return work.local(said["file"])
     if not SOUND.fullmatch(source):
-        message = f"rorg makes no file called '{source}' of one of the {section}"
+        message = f"'{source}' is not a valid file name for one of the {section}"
         work.refuse(message, section, source, remedy="letters, digits, - _ and dots")
         return ""
     text = said.get("content")
@@ -106,7 +106,7 @@ def _file(work: Work, section: str, source: str, said: Mapping[str, Any]) -> str
     path = f"{section}/{source}"
     if section == "secrets" and path not in work.files:
         work.warn(
-            f"{path} holds a secret that anybody may read who has the file",
+            f"{path} holds a secret in plain text",
             section,
             source,
             remedy="keeping it out of git",

@@ -1,5 +1,5 @@
-"""The options of one service of Compose as the `container` section of a manifest. What Compose and rorg call alike is
-taken as it is; the rest has a function here."""
+"""The options of a Compose service as the `container` section of a manifest. Options with the same name and form are
+copied; all others have a function here."""
 
 from __future__ import annotations
 
@@ -10,29 +10,31 @@ from rorg.importing.compose_keys import HEALTHCHECK, SERVICE, SERVICE_NETWORK
 from rorg.importing.compose_mounts import volumes
 from rorg.importing.compose_work import Work, duration, size
 
+Form = Callable[[Work, str, Any], Any]
+"""Converts a value; gets the service's name for messages."""
 ELSEWHERE = frozenset(("env_file", "environment", "labels", "container_name"))
-"""Carried over beside the others, since more than one key makes them."""
+"""Handled separately, because several keys contribute to them."""
 
 OF_THE_ENGINE = frozenset(("host", "none", "bridge"))
-"""Networks that are always there, which are joined by network_mode."""
+"""Networks that always exist; a container joins them with network_mode."""
 WITHOUT = {"host": ("ports", "mac_address"), "none": ("ports",), "service": ("ports", "expose")}
-"""Options that the engine takes no notice of, by the kind of network."""
+"""Options that the engine ignores, by kind of network."""
 
 
 def options(work: Work, name: str) -> dict[str, Any]:
-    """All that is carried over of a service, in the order of the table."""
+    """All options of a service that are carried over, in the order of the table."""
     said = work.project.services[name]
     found: dict[str, Any] = {}
     for key, row in SERVICE.items():
         if row.how == "carried" and key not in ELSEWHERE and said.get(key) is not None:
-            value = _formed(work, name, key, said[key])
+            value = FORMS[key](work, name, said[key]) if key in FORMS else said[key]
             if value not in ({}, []) or key == "entrypoint":
                 found[key] = value
     return _on_its_network(work, name, found)
 
 
 def _on_its_network(work: Work, name: str, found: dict[str, Any]) -> dict[str, Any]:
-    """Without what has no effect on a network that is not the container's own."""
+    """Without options that have no effect on a network that is not the container's own."""
     own = {work.known("networks", n) for n in work.project.services[name].get("networks") or ()} & OF_THE_ENGINE
     if own:
         del found["networks"]
@@ -43,14 +45,6 @@ def _on_its_network(work: Work, name: str, found: dict[str, Any]) -> dict[str, A
         if key in found:
             work.note(f"{key} has no effect under network_mode: {mode}", "services", name, key)
     return {key: value for key, value in found.items() if key not in without}
-
-
-def _formed(work: Work, name: str, key: str, value: Any) -> Any:
-    if key in FORMS_BY_SERVICE:
-        return FORMS_BY_SERVICE[key](work, name, value)
-    if key in FORMS_BY_PROJECT:
-        return FORMS_BY_PROJECT[key](work, value)
-    return FORMS[key](value) if key in FORMS else value
 
 
 def _texts(value: Any) -> Any:
@@ -85,7 +79,7 @@ def _hosts(value: Any) -> Any:
 
 
 def gpus(value: Any) -> Any:
-    """Requests of `gpus`, or of devices of a deployment, as one of a container."""
+    """Requests for GPUs, from `gpus` or from the devices of a deployment."""
     if not isinstance(value, list):
         return value
     return [{k: "all" if k == "count" and v == -1 else v for k, v in item.items()} for item in value]
@@ -118,7 +112,7 @@ def _port(item: Mapping[str, Any]) -> str:
 
 
 def _networks(work: Work, name: str, value: Mapping[str, Any]) -> Any:
-    """Every network with the service's name as an alias: that is how others find it under Compose."""
+    """Every network has the service's name as an alias, because that is how services find each other under Compose."""
     found = {}
     for network, said in value.items():
         work.check(SERVICE_NETWORK, said or {}, "services", name, "networks", network, shown=f"networks.{network}.")
@@ -131,13 +125,13 @@ def _networks(work: Work, name: str, value: Mapping[str, Any]) -> Any:
     return found
 
 
-def _namespace(work: Work, value: str) -> Any:
-    """service:NAME means one container, also where NAME has several."""
+def _namespace(work: Work, _name: str, value: str) -> Any:
+    """`service:NAME` means one container, even if NAME has several copies."""
     kind, colon, other = value.partition(":")
     return f"service:{work.first(other)}" if kind == "service" and colon else value
 
 
-def _volumes_from(work: Work, value: list[str]) -> Any:
+def _volumes_from(work: Work, _name: str, value: list[str]) -> Any:
     found = []
     for item in value:
         other, colon, access = item.partition(":")
@@ -145,7 +139,7 @@ def _volumes_from(work: Work, value: list[str]) -> Any:
     return found
 
 
-def _security(work: Work, value: list[str]) -> Any:
+def _security(work: Work, _name: str, value: list[str]) -> Any:
     found = []
     for item in value:
         kind, _, profile = item.partition("=") if "=" in item else item.partition(":")
@@ -162,34 +156,27 @@ def _isolation(work: Work, name: str, value: str) -> Any:
     return value
 
 
-FORMS: Mapping[str, Callable[[Any], Any]] = {
-    "blkio_config": _rates,
-    "cpus": float,
-    "devices": _devices,
-    "expose": _texts,
-    "extra_hosts": _hosts,
-    "gpus": gpus,
-    "group_add": _texts,
-    "mem_limit": size,
-    "mem_reservation": size,
-    "memswap_limit": size,
-    "ports": _ports,
-    "shm_size": size,
-    "stop_grace_period": duration,
-}
-"""Of keys whose form is another one here."""
-FORMS_BY_PROJECT: Mapping[str, Callable[[Work, Any], Any]] = {
-    "ipc": _namespace,
-    "network_mode": _namespace,
-    "pid": _namespace,
-    "security_opt": _security,
-    "volumes_from": _volumes_from,
-}
-"""Of those that name other services, or files."""
-FORMS_BY_SERVICE: Mapping[str, Callable[[Work, str, Any], Any]] = {
+def _plain(form: Callable[[Any], Any]) -> Form:
+    """A form that depends only on the value."""
+    return lambda _work, _name, value: form(value)
+
+
+FORMS: Mapping[str, Form] = {
+    "blkio_config": _plain(_rates),
+    "cpus": _plain(float),
+    "devices": _plain(_devices),
+    "extra_hosts": _plain(_hosts),
+    "gpus": _plain(gpus),
     "healthcheck": _healthcheck,
     "isolation": _isolation,
     "networks": _networks,
+    "ports": _plain(_ports),
+    "security_opt": _security,
+    "stop_grace_period": _plain(duration),
     "volumes": volumes,
+    "volumes_from": _volumes_from,
+    **dict.fromkeys(("expose", "group_add"), _plain(_texts)),
+    **dict.fromkeys(("ipc", "network_mode", "pid"), _namespace),
+    **dict.fromkeys(("mem_limit", "mem_reservation", "memswap_limit", "shm_size"), _plain(size)),
 }
-"""Of those that can be wrong, or go by the service's name."""
+"""Keys whose value has a different form in rorg."""

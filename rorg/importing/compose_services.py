@@ -1,50 +1,51 @@
-"""Services of Compose as manifests of kind Service."""
+"""Services of Compose as manifests of kind Service, with their environment and the resources of their deployment."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from math import ceil
+from pathlib import Path
 from typing import Any
 
-from rorg.importing.compose_deploy import deployed
-from rorg.importing.compose_environment import environment
-from rorg.importing.compose_keys import SERVICE
+from rorg.importing.compose_keys import DEPLOY, RESOURCES, SERVICE
 from rorg.importing.compose_mounts import files_of
-from rorg.importing.compose_options import options
-from rorg.importing.compose_work import SOUND, Work, duration
-from rorg.importing.manifests import Made
+from rorg.importing.compose_options import gpus, options
+from rorg.importing.compose_work import SOUND, Work, duration, size
+from rorg.importing.manifests import NOTE, Made
+from rorg.manifest.dotenv import read_dotenv, values_of
 from rorg.manifest.yaml_text import Inline, Noted
+from rorg.model.diagnostics import Diagnostic
 
 HEALTHY, COMPLETED = "service_healthy", "service_completed_successfully"
 RESTARTS = {"no": "never", "always": "always", "unless-stopped": "always"}
-UNSET = "as Compose does where nothing is said; rorg would restart it always"
+UNSET = "the default of Compose; rorg would always restart it"
 INTERVAL, TIMEOUT, RETRIES = 30.0, 30.0, 3
-"""Of the engine's health checks, where nothing is said."""
+"""The engine's defaults for health checks."""
 LEAST = 60.0
-"""Seconds until a service that does not become healthy counts as late, at the least."""
+"""Least number of seconds until a service that does not become healthy counts as late."""
 
 
 def services(work: Work, images: Mapping[str, str]) -> list[Made]:
-    """All of them, one for each copy. `images`: what each runs."""
+    """All services, one for each copy. `images`: the image that each runs."""
     _link(work)
     conditions = _conditions(work)
     return [made for name in work.project.services for made in _copies(work, name, images[name], conditions)]
 
 
 def _link(work: Work) -> None:
-    """Notes under which names links know the services."""
+    """Collects the names under which links know the services."""
     for name, said in work.project.services.items():
         for index, link in enumerate(said.get("links") or ()):
             other, _, alias = link.partition(":")
             if alias and alias != other:
                 work.aliases.setdefault(other, []).append(alias)
-                message = f"link {link}: {other} is called {alias} in its networks too, for all that are in them"
+                message = f"link {link}: {other} is also called {alias} in its networks, for every service in them"
                 work.note(message, "services", name, "links", index)
 
 
 def _conditions(work: Work) -> dict[str, set[str]]:
-    """What dependants wait for, by service."""
+    """Service -> the conditions that its dependants wait for."""
     found: dict[str, set[str]] = {}
     for said in work.project.services.values():
         for other, how in (said.get("depends_on") or {}).items():
@@ -54,10 +55,10 @@ def _conditions(work: Work) -> dict[str, set[str]]:
 
 def _copies(work: Work, name: str, image: str, conditions: Mapping[str, set[str]]) -> Iterator[Made]:
     if not SOUND.fullmatch(name):
-        message = f"a service of rorg cannot be called '{name}'"
-        work.refuse(message, "services", name, remedy="letters, digits, - _ and dots, beginning with a letter or digit")
+        message = f"'{name}' is not a valid name of a service in rorg"
+        work.refuse(message, "services", name, remedy="letters, digits, - _ and dots, starting with a letter or digit")
     elif name == "developer":
-        message = "'developer' is a person's name in rorg, not a service's"
+        message = "'developer' names a person in rorg, not a service"
         work.refuse(message, "services", name, remedy="another name")
     before = len(work.found)
     spec = _spec(work, name, image, conditions.get(name, set()))
@@ -67,7 +68,7 @@ def _copies(work: Work, name: str, image: str, conditions: Mapping[str, set[str]
     made = Made("Service", name, spec, tuple(comments))
     copies = work.copies(name)
     if copies == 0:
-        work.note("0 copies: it is declared, and not requested", "services", name)
+        work.note("0 copies: the service is declared, but not requested", "services", name)
     for number in range(1, copies + 1) if copies > 1 else ():
         own = dict(spec, container={**spec["container"], "container_name": _called(work, name, number)})
         yield replace(made, name=f"{name}-{number}", spec=own)
@@ -90,7 +91,7 @@ def _spec(work: Work, name: str, image: str, awaited: set[str]) -> dict[str, Any
         spec["needs"] = needs
     if ready := _ready(work, name, awaited):
         spec["ready"] = ready
-    resources, limits = deployed(work, name)
+    resources, limits = deploy_options(work, name)
     spec["restart"] = _restart(work, name, awaited)
     if resources:
         spec["resources"] = Inline(resources)
@@ -100,7 +101,7 @@ def _spec(work: Work, name: str, image: str, awaited: set[str]) -> dict[str, Any
     container |= {k: v for k, v in options(work, name).items() if k != "container_name"}
     if "ipc" not in container and (users := _users_of_memory(work, name)):
         container["ipc"] = "shareable"
-        message = f"ipc: shareable is added, without which the engine lets nobody join: {', '.join(users)} does"
+        message = f"ipc: shareable is added, which the engine requires for {', '.join(users)} to join it"
         work.warn(message, "services", users[0], "ipc")
     container |= limits
     mounts = [m for section in ("configs", "secrets") for m in files_of(work, name, section)]
@@ -128,16 +129,16 @@ def _needs(work: Work, name: str) -> list[Any]:
 
 
 def _ready(work: Work, name: str, awaited: set[str]) -> Any:
-    """What those that need it wait for."""
+    """The readiness that the service's dependants wait for."""
     if COMPLETED in awaited:
         if HEALTHY in awaited:
-            message = f"some wait until {name} is healthy, others until it has ended: from now on all wait for its end"
+            message = f"some wait until {name} is healthy, some until it has ended: now all of them wait for its end"
             work.warn(message, "services", name)
         return Inline({"completed": True})
     if HEALTHY not in awaited:
         return None
     if "service_started" in awaited:
-        work.note(f"all that need {name} wait until it is healthy", "services", name)
+        work.note(f"every service that needs {name} waits until it is healthy", "services", name)
     check = work.project.services[name].get("healthcheck") or {}
     interval, timeout = check.get("interval", INTERVAL), check.get("timeout", TIMEOUT)
     longest = check.get("start_period", 0.0) + (check.get("retries", RETRIES) + 1) * (interval + timeout)
@@ -152,28 +153,113 @@ def _restart(work: Work, name: str, awaited: set[str]) -> Any:
         place = ("services", name, "deploy", "restart_policy")
         written = {"none": "no", "on-failure": "on-failure"}.get(policy.get("condition") or "any", "always")
         if set(policy) - {"condition"}:
-            work.note("rorg restarts with growing delays, without an end", *place)
+            work.note("rorg restarts without limit, with growing delays", *place)
     if written is None:
         return Noted("never", UNSET)
     kind, colon, _ = str(written).partition(":")
     if colon:
-        work.note(f"restart: {written}: rorg restarts with growing delays, without an end", *place)
+        work.note(f"restart: {written}: rorg restarts without limit, with growing delays", *place)
     found = "on-failure" if kind == "on-failure" else RESTARTS.get(kind, "always")
     if found == "always" and COMPLETED in awaited:
-        message = f"others wait until {name} has ended, so it is restarted only where that fails"
+        message = f"some services wait until {name} has ended, so it is restarted only if it fails"
         work.warn(message, *place)
         return "on-failure"
     return found
 
 
 def _labels(work: Work, name: str) -> dict[str, str]:
-    """Those of the image that is built too, which its containers have."""
+    """Labels of the service and, if it is built, those of its image, which its containers inherit."""
     said = work.project.services[name]
     built = (said.get("build") or {}).get("labels") or {}
     if built:
-        work.note("labels of the image are labels of the container from now on", "services", name, "build", "labels")
+        work.note("labels of the image become labels of the container", "services", name, "build", "labels")
     found = {**built, **(said.get("labels") or {})}
     for key in found:
         if key.startswith("rorg.io/"):
-            work.refuse(f"the label {key} is rorg's own", "services", name, "labels", key, remedy="another name")
+            work.refuse(f"the label {key} is reserved for rorg", "services", name, "labels", key, remedy="another name")
     return {key: str(value) for key, value in found.items()}
+
+
+def deploy_options(work: Work, name: str) -> tuple[dict[str, Any], dict[str, Any]]:
+    """(`resources` of the service, options of its container) from `deploy`, as far as it concerns more than a swarm."""
+    said = work.project.services[name].get("deploy") or {}
+    place = ("services", name, "deploy")
+    work.check(DEPLOY, said, *place, shown="deploy.")
+    resources = said.get("resources") or {}
+    for part in ("limits", "reservations"):
+        keys = {f"{part}.{key}": value for key, value in (resources.get(part) or {}).items()}
+        known = {key: value for key, value in keys.items() if RESOURCES.get(key) and RESOURCES[key].how != "translated"}
+        for key in known:
+            message = f"deploy.resources.{key} is not carried over: {RESOURCES[key].why}"
+            work.note(message, *place, "resources", *key.split("."))
+    limits, reserved = resources.get("limits") or {}, resources.get("reservations") or {}
+    container: dict[str, Any] = {}
+    if limits.get("cpus"):
+        container["cpus"] = float(limits["cpus"])
+    if limits.get("memory"):
+        container["mem_limit"] = size(limits["memory"])
+    if limits.get("pids"):
+        container["pids_limit"] = int(limits["pids"])
+    if reserved.get("memory"):
+        container["mem_reservation"] = size(reserved["memory"])
+    if reserved.get("devices"):
+        container["gpus"] = gpus(reserved["devices"])
+    found: dict[str, Any] = {"cpu": float(reserved["cpus"])} if reserved.get("cpus") else {}
+    return found | ({"memory": size(reserved["memory"])} if reserved.get("memory") else {}), container
+
+
+Read = Callable[[Path], str]
+
+
+def environment(work: Work, name: str) -> dict[str, Any]:
+    """`env_file` and `environment` of the container. An env file stays a file if rorg reads it as Compose does;
+    otherwise its values are written out."""
+    said: Mapping[str, Any] = work.project.services[name].get("environment") or {}
+    for key, value in said.items():
+        if value is None:
+            message = f"{key} is not set anywhere, so the container does not have it, as with Compose"
+            work.note(message, "services", name, "environment", key)
+    values = {key: str(value) for key, value in said.items() if value is not None}
+    names, of_files = _files(work, name)
+    found: dict[str, Any] = {"env_file": names} if names else {}
+    own = {key: value for key, value in values.items() if of_files.get(key) != value}
+    return found | ({"environment": own} if own else {})
+
+
+def _files(work: Work, name: str) -> tuple[list[Any], dict[str, str]]:
+    """(env files as the manifest names them, the values that they set). Empty if a value contains a variable, because
+    only Compose knows how to fill that in."""
+    listed, values = list[Any](), dict[str, str]()
+    for item in work.project.services[name].get("env_file") or ():
+        path, raw = item["path"], item.get("format") == "raw"
+        text = work.read(Path(path))
+        if text is None:
+            listed.append({"path": work.local(path), "required": False})
+            continue
+        if "$" in text or raw:
+            return [], {}
+        entries, mistakes = read_dotenv(text, lambda _: None)
+        if mistakes or any(entry.bare for entry in entries):
+            return [], {}
+        values |= values_of(entries)
+        listed.append(work.local(path) if item.get("required", True) else {"path": work.local(path), "required": False})
+    if any(work.project.services[name]["environment"].get(key) is None for key in values):
+        return [], {}
+    return listed, values
+
+
+def fixed_variables(work: Work) -> list[Diagnostic]:
+    """One note for each variable whose value from the process's environment is now in the manifests."""
+    users: dict[str, list[tuple[str | int, ...]]] = {}
+    for place, names in work.project.taken.items():
+        for name in names:
+            users.setdefault(name, []).append(place)
+    found = []
+    for name, variable in work.project.variables.items():
+        if variable.value is None or variable.file is not None or name not in users:
+            continue
+        services = dict.fromkeys(str(p[1]) for p in users[name] if p[0] == "services" and len(p) > 1)
+        where = f" in {', '.join(services)}" if services else ""
+        message = f"{name} was taken from the environment: its current value is now fixed{where}"
+        found.append(Diagnostic(work.project.where(*users[name][0]), message, "", NOTE))
+    return found

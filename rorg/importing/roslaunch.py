@@ -1,5 +1,5 @@
-"""A launch file of ROS 1 as a Service, with one of its nodes as readiness. roslaunch goes on running it: what stands in
-the file (parameters, remaps, respawning) stays there."""
+"""Imports a launch file of ROS 1 as a Service whose readiness is one of its nodes. roslaunch still runs the file, so
+its parameters, remaps and respawning stay there."""
 
 from __future__ import annotations
 
@@ -8,22 +8,80 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from xml.parsers import expat
 
-from rorg.importing.launch_file import MOST_ELEMENTS, Element, read_launch
 from rorg.importing.manifests import NOTE, Imported, Made
 from rorg.manifest.files import Outside
 from rorg.manifest.yaml_text import Inline, Noted
 from rorg.model.bounds import TooMuch
 from rorg.model.diagnostics import Diagnostic, Where
 
+MOST_ELEMENTS = 20_000
+"""Of one file. The largest real files have some hundreds."""
+MOST_DEPTH = 100
+"""Levels of nesting."""
+
+
+@dataclass(slots=True)
+class Element:
+    """One element, without the text between elements."""
+
+    tag: str
+    attributes: Mapping[str, str]
+    where: Where
+    children: list[Element] = field(default_factory=list)
+
+    def get(self, name: str, otherwise: str = "") -> str:
+        """The value of an attribute."""
+        return self.attributes.get(name, otherwise)
+
+
+def read_launch(path: Path, text: str) -> Element | Diagnostic:
+    """The outermost element, or why there is none. A document type is refused, because its entities multiply, and
+    launch files do not use them. Raises TooMuch."""
+    parser = expat.ParserCreate("utf-8")  # the text is decoded already, whatever encoding it declares
+    top = Element("", {}, Where(str(path)))
+    way, count = [top], 0
+
+    def place() -> Where:
+        return Where(str(path), parser.CurrentLineNumber, parser.CurrentColumnNumber + 1)
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal count
+        count += 1
+        if count > MOST_ELEMENTS:
+            raise TooMuch(place(), f"more than {MOST_ELEMENTS} elements", "a smaller file")
+        if len(way) > MOST_DEPTH:
+            raise TooMuch(place(), f"more than {MOST_DEPTH} nested elements", "fewer groups")
+        made = Element(tag, attributes, place())
+        way[-1].children.append(made)
+        way.append(made)
+
+    def refuse(*_: object) -> None:
+        raise TooMuch(place(), "a document type (<!DOCTYPE>), which rorg does not read", "dropping it")
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = lambda _: way.pop()
+    parser.StartDoctypeDeclHandler = refuse
+    try:
+        parser.Parse(text.encode(), True)
+    except expat.ExpatError as error:
+        where = Where(str(path), error.lineno, error.offset + 1)
+        return Diagnostic(where, f"not XML: {expat.ErrorString(error.code)}", "fixing it")
+    found = top.children[0]
+    if found.tag != "launch":
+        return Diagnostic(found.where, f"it starts with <{found.tag}>", "<launch>")
+    return found
+
+
 IMAGE = "ros:noetic-ros-base"
-"""Where no other is named."""
+"""Used if no other image is named."""
 DEEPEST = 20
-"""Launch files that include each other."""
+"""Levels of launch files that include each other."""
 MOST_INCLUDES = 200
-"""Files that are included, each as often as it is."""
+"""Included files, each counted as often as it is included."""
 MOST_FILLED = 1 << 20
-"""Characters that arguments bring into a launch file and its includes."""
+"""Characters that arguments add to a launch file and its includes."""
 LONGEST = 1000
 """Characters of a name with its namespace."""
 _ARGUMENT = re.compile(r"\$\((arg|find|env|optenv|dirname|anon|eval)\b([^()]*)\)")
@@ -42,11 +100,11 @@ class Node:
 
 @dataclass
 class _Reading:
-    """A launch file with all that it includes. Raises TooMuch for more than people write."""
+    """A launch file with everything that it includes. Raises TooMuch for more than anyone writes by hand."""
 
     read: Read
     packages: Mapping[str, Path]
-    """Folders of the packages that are known: that of the file itself."""
+    """Folders of the known packages: only that of the file itself."""
     nodes: list[Node] = field(default_factory=list)
     found: list[Diagnostic] = field(default_factory=list)
     files: dict[Path, Element | None] = field(default_factory=dict)
@@ -55,7 +113,7 @@ class _Reading:
     filled: int = 0
 
     def file(self, path: Path, arguments: Mapping[str, str], namespace: str, by: Where, depth: int = 0) -> None:
-        """All nodes of one file. `arguments`: those that it is given; `by`: the place that names it."""
+        """Collects all nodes of a file. `arguments`: the arguments that it receives; `by`: the place of the include."""
         if depth > DEEPEST:
             message = f"{path}: more than {DEEPEST} files include each other"
             self.found.append(Diagnostic(by, message, "a shorter chain of includes", NOTE))
@@ -70,8 +128,8 @@ class _Reading:
         try:
             text = self.read(path)
         except OSError as error:
-            remedy = f"--read {path}, if you trust it" if isinstance(error, Outside) else "a file that is there"
-            message = f"{path} cannot be read: {error.strerror}"
+            remedy = f"--read {path}, if you trust it" if isinstance(error, Outside) else "an existing file"
+            message = f"cannot read {path}: {error.strerror}"
             self.found.append(Diagnostic(by, message, remedy, NOTE if depth else "error"))
             return None
         top = read_launch(path, text)
@@ -85,7 +143,7 @@ class _Reading:
         for element in top.children:
             self.elements += 1
             if self.elements > MOST_ELEMENTS:
-                message = f"more than {MOST_ELEMENTS} elements, counted as often as they are included"
+                message = f"more than {MOST_ELEMENTS} elements, each counted as often as it is included"
                 raise TooMuch(element.where, message, "fewer includes")
             if not self._holds(element, values):
                 continue
@@ -100,10 +158,10 @@ class _Reading:
                 self._include(element, values, namespace, depth)
             elif element.tag == "machine":
                 message = "<machine>: rorg starts nothing on other machines"
-                self.found.append(_note(element.where, message, "an rorg on each"))
+                self.found.append(_note(element.where, message, "running rorg on each machine"))
 
     def _holds(self, element: Element, values: Mapping[str, str]) -> bool:
-        """By `if` and `unless`; what cannot be worked out here counts as true."""
+        """The value of `if` and `unless`; conditions that cannot be evaluated here count as true."""
         for word, wrong in (("if", ("false", "0")), ("unless", ("true", "1"))):
             if self._filled(element, word, values).strip().lower() in wrong:
                 return False
@@ -117,7 +175,7 @@ class _Reading:
             values[name] = self._filled(element, "default", values)
         elif name not in values:
             message = f"the argument {name} has no value"
-            self.found.append(Diagnostic(element.where, message, f"{name}:=VALUE behind the file"))
+            self.found.append(Diagnostic(element.where, message, f"{name}:=VALUE after the file"))
 
     def _node(self, element: Element, values: Mapping[str, str], namespace: str) -> None:
         name = element.get("name")
@@ -125,7 +183,7 @@ class _Reading:
         required = self._filled(element, "required", values).lower() in ("true", "1")
         whole = self._inner(element, "name", inner, values)
         if not name or "$(" in whole:
-            message = f"a node of {element.get('pkg')} whose name is made when it starts"
+            message = f"a node of {element.get('pkg')} gets its name only when it starts"
             self.found.append(_note(element.where, message))
         else:
             self.nodes.append(Node(whole, required))
@@ -133,7 +191,7 @@ class _Reading:
     def _include(self, element: Element, values: Mapping[str, str], namespace: str, depth: int) -> None:
         self.includes += 1
         if self.includes > MOST_INCLUDES:
-            message = f"more than {MOST_INCLUDES} includes, counted as often as they are included"
+            message = f"more than {MOST_INCLUDES} includes, each counted as often as it is included"
             raise TooMuch(element.where, message, "fewer includes")
         file = self._filled(element, "file", values)
         passed = dict(values) if element.get("pass_all_args").lower() in ("true", "1") else {}
@@ -143,20 +201,20 @@ class _Reading:
                 passed[child.get("name")] = self._filled(child, said, values)
         inner = self._inner(element, "ns", namespace, values)
         if "$(" in file:
-            self.found.append(_note(element.where, f"{file} is in another package: its nodes are not known here"))
+            self.found.append(_note(element.where, f"{file} is in another package, so its nodes are not known here"))
         else:
             self.file(Path(file), passed, inner, element.where, depth + 1)
 
     def _inner(self, element: Element, attribute: str, namespace: str, values: Mapping[str, str]) -> str:
-        """A name or a namespace within another one."""
+        """A name or namespace inside another namespace."""
         found = _joined(namespace, self._filled(element, attribute, values))
         if len(found) > LONGEST:
             raise TooMuch(element.where, f"a name of more than {LONGEST} characters", "shorter names")
         return found
 
     def _filled(self, element: Element, attribute: str, values: Mapping[str, str]) -> str:
-        """An attribute with $(arg NAME), $(find PACKAGE) of a known package and $(dirname) filled in; the rest as it
-        is."""
+        """An attribute with $(arg NAME), $(find PACKAGE) of a known package, and $(dirname) filled in. Everything else
+        stays as it is."""
 
         def fill(match: re.Match[str]) -> str:
             word, name, found = match[1], match[2].strip(), match[0]
@@ -168,7 +226,7 @@ class _Reading:
                 found = str(Path(element.where.file).parent)
             self.filled += len(found)
             if self.filled > MOST_FILLED:
-                message = f"arguments bring in more than {MOST_FILLED >> 20} MiB"
+                message = f"arguments add more than {MOST_FILLED >> 20} MiB"
                 raise TooMuch(element.where, message, "shorter arguments")
             return found
 
@@ -178,7 +236,7 @@ class _Reading:
 def from_roslaunch(
     path: Path, read: Read, arguments: Mapping[str, str], image: str = "", with_master: bool = True
 ) -> Imported:
-    """The Service of a launch file, and one for the ROS master where the tree has none yet (`with_master`)."""
+    """The Service of a launch file, and one for the ROS master if the tree has none yet (`with_master`)."""
     path = path.absolute()
     package, name = _package(path, read)
     reading = _Reading(read, {name: package} if package and name else {})
@@ -186,7 +244,7 @@ def from_roslaunch(
         reading.file(path, arguments, "/", Where(str(path)))
     except TooMuch as bound:
         return Imported(diagnostics=tuple(sorted({*reading.found, bound.diagnostic})))
-    spec: dict[str, Any] = {"image": image or Noted(IMAGE, "your workspace's, with the packages of the file")}
+    spec: dict[str, Any] = {"image": image or Noted(IMAGE, "replace it by your workspace's image with these packages")}
     words = [f"{key}:={value}" for key, value in arguments.items()]
     spec["command"] = ["roslaunch", "--wait", *([name, path.name] if name else [str(path)]), *words]
     spec["profile"] = "ros1"
@@ -195,7 +253,7 @@ def from_roslaunch(
         spec["ready"] = Inline({"ros_node": first.name, "timeout": "60s"})
     else:
         reading.found.append(
-            _note(Where(str(path)), "no node is known, so it is ready when it runs", "a `ready` probe")
+            _note(Where(str(path)), "no node is known, so the service is ready when it runs", "a `ready` probe")
         )
     nodes = ", ".join(node.name for node in reading.nodes)
     comments = (
@@ -208,12 +266,12 @@ def from_roslaunch(
     if with_master:
         master = {"image": spec["image"], "command": ["roscore"], "profile": "common", "always_on": True}
         master |= {"ready": Inline({"tcp": 11311, "timeout": "30s"})}
-        made.append(Made("Service", "roscore", master, ("The ROS master, which the profile ros1 needs.",)))
+        made.append(Made("Service", "roscore", master, ("The ROS master, which profile ros1 needs.",)))
     return Imported(tuple(made), diagnostics=told)
 
 
 def _package(path: Path, read: Read) -> tuple[Path | None, str]:
-    """The folder and the name of the package that a file is in; the nearest one that can be read."""
+    """The folder and name of the package that a file is in: the nearest package.xml that can be read."""
     for folder in path.parents:
         try:
             found = re.search(r"<name>\s*([\w-]+)\s*</name>", read(folder / "package.xml"))
@@ -224,7 +282,7 @@ def _package(path: Path, read: Read) -> tuple[Path | None, str]:
 
 
 def _service_name(stem: str) -> str:
-    """Of a file: what a manifest can be called."""
+    """A valid name of a manifest, from the name of a file."""
     return re.sub(r"[^A-Za-z0-9_.-]", "-", stem).strip("._-") or "launch"
 
 

@@ -1,4 +1,4 @@
-"""A unit file of systemd as it is written, and the numbers and times in it."""
+"""Reads a systemd unit file, and the numbers and durations in it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from rorg.model.bounds import TooMuch
 from rorg.model.diagnostics import Where
 
 LONGEST = 32 << 10
-"""Characters of one setting, with all the lines that it goes on in."""
+"""Characters of one setting, including its continuation lines."""
 MOST_SECONDS = 86400.0
 DECIMAL = r"(?:[0-9]{1,12}(?:\.[0-9]{0,12})?|\.[0-9]{1,12})"
 _SPAN = re.compile(rf"({DECIMAL})\s*([a-z]*)\s*")
@@ -21,23 +21,23 @@ UNITS = {
     **dict.fromkeys(("m", "min", "minute", "minutes"), 60.0),
     **dict.fromkeys(("h", "hr", "hour", "hours"), 3600.0),
 }
-"""Of systemd.time(7), in seconds; nobody waits for days."""
+"""Units of systemd.time(7), in seconds. Longer units are left out: no service takes days to stop."""
 
 
 @dataclass
 class Unit:
-    """One unit file as it is written."""
+    """One unit file."""
 
     path: Path
     settings: dict[str, list[tuple[str, int]]] = field(default_factory=dict)
-    """Key -> values with their lines, those of all sections; an empty value takes back those before it."""
+    """Key -> values with their lines, from all sections. An empty value discards the values before it."""
 
     @property
     def name(self) -> str:
         return self.path.stem
 
     def where(self, key: str = "") -> Where:
-        """Of the first value of a key."""
+        """The place of the first value of a key."""
         found = self.settings.get(key)
         return Where(str(self.path), found[0][1] if found else 1)
 
@@ -52,7 +52,7 @@ class Unit:
 
 
 def read_unit(path: Path, text: str) -> Unit:
-    """By the rules of systemd.syntax(7): a backslash goes on with the next line, # and ; begin comments."""
+    """Parses a unit by the rules of systemd.syntax(7): a backslash continues a line, # and ; start comments."""
     unit = Unit(path)
     lines = iter(enumerate(text.splitlines(), 1))
     for number, line in lines:
@@ -74,7 +74,7 @@ def read_unit(path: Path, text: str) -> Unit:
 
 
 def seconds_of(text: str) -> float:
-    """Of a span of systemd's, such as "1min 5s"; 0 where it is none that anybody waits for."""
+    """Seconds of a systemd time span such as "1min 5s"; 0 if it is not one, or longer than a day."""
     at, found = 0, 0.0
     while at < len(text):
         part = _SPAN.match(text, at)
@@ -85,5 +85,5 @@ def seconds_of(text: str) -> float:
 
 
 def number_of(text: str) -> int | None:
-    """A whole number that a machine counts with."""
+    """A whole number of at most 15 digits; None for anything else."""
     return int(text) if re.fullmatch("[0-9]{1,15}", text) else None

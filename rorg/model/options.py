@@ -18,7 +18,7 @@ class Option(NamedTuple):
     flag: str = ""
     """The flag of `docker run` with the same value, or one flag per item. Empty if there is none."""
     compose: str = ""
-    """The form of its value in a Compose file: a name of FORMS in compose/sections.py, `own` for a form of its own;
+    """The form of its value in a Compose file: a name of FORMS in compose/keys.py, `own` for a form of its own;
     empty if Compose does not have the option."""
     live: bool = False
     """The engine changes it without a new container (docker update, docker rename)."""

@@ -1,1 +1,2 @@
-"""The sim engine: containers in virtual time, with faults on demand, under the same planner."""
+"""Simulates and emulates robots: containers in virtual time with faults on demand, traces, workloads and their
+results."""

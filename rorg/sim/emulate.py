@@ -1,5 +1,5 @@
-"""Emulation: a trace on a real engine with stand-ins in place of programs, with and without rorg, in alternating
-runs."""
+"""Emulates a trace: plays it on a real engine with stand-ins instead of the programs, alternately with and without
+rorg."""
 
 from __future__ import annotations
 
@@ -11,43 +11,43 @@ from rorg.daemon.tree import Tree
 from rorg.errors import Invalid
 from rorg.model.catalog import Catalog, Image
 from rorg.model.trace import Trace
-from rorg.sim.baseline import everything
 from rorg.sim.player import EmulatedRun, Player
+from rorg.sim.simulate import everything
 from rorg.sim.standins import Share, stand_ins
 from rorg.sim.throwaway import ThrowawayRobot
 
 PREFIX = "rorg-emulate-"
 ALL_ON, RORG = "all-on", "rorg"
-"""Names of the two runs of a pair, in their order."""
+"""Names of the two runs of a pair, in order."""
 PATIENCE = 300.0
-"""Seconds until all that runs at the beginning is ready."""
+"""Seconds until everything that runs at the beginning is ready."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Experiment:
-    """What is run."""
+    """What to emulate."""
 
     root: Path
-    """The manifests."""
+    """Directory of the manifests."""
     robot: str
-    """Whose overlay counts; empty for the base alone."""
+    """The robot whose overlay applies; empty for none."""
     catalog: Catalog
-    """What they say."""
+    """The robot that the manifests declare."""
     images: Mapping[str, Image]
-    """What the image of the stand-ins is built from, it included."""
+    """The image of the stand-ins, and its bases."""
     engine: str
     trace: Trace
-    """As it is played: compressed."""
+    """The trace as it is played, after compression."""
     share: Share
 
     def stand_ins(self, prefix: str = PREFIX) -> Catalog:
-        """The robot that is run: the names of its containers begin so."""
+        """The robot that runs. `prefix`: of its containers' names."""
         return stand_ins(self.catalog, self.images, self.share, prefix)
 
 
 def emulate(experiment: Experiment, pairs: int, say: Callable[[str], None]) -> Generator[EmulatedRun, None, None]:
-    """All on and rorg in turns, `pairs` times: each run once it is over. A caller that has enough closes it, and
-    nothing is left behind. `say` hears how it goes on. Raises Invalid where the engine cannot be measured,
+    """Plays the trace `pairs` times with everything on and with rorg, and yields each run when it is over. Closing the
+    generator cleans up. `say` receives progress messages. Raises Invalid if the engine cannot be measured,
     Unreachable, and NotReady."""
     keeper = ThrowawayRobot(experiment.engine, PREFIX)
     try:
@@ -65,7 +65,7 @@ def emulate(experiment: Experiment, pairs: int, say: Callable[[str], None]) -> G
 
 
 def _quiet(_: str) -> None:
-    """Nobody wants to hear it."""
+    """Discards a message."""
 
 
 def _run(experiment: Experiment, name: str, say: Callable[[str], None]) -> EmulatedRun:
@@ -83,7 +83,7 @@ def _played(experiment: Experiment, robot: ThrowawayRobot, name: str, say: Calla
         str(robot.state.run),
         references=robot.references,
         named=experiment.robot,
-        adapt=lambda _: catalog,  # whoever edits the manifests meanwhile changes nothing
+        adapt=lambda _: catalog,  # edits of the manifests have no effect meanwhile
     )
     robot.build(catalog, _quiet)
     if name == ALL_ON:

@@ -1,28 +1,102 @@
-"""What an emulation came to: reductions over its pairs, its agreement with the simulator, and all of it as JSON."""
+"""The results of an emulation: its savings, how well it agrees with the simulator, and all of it as JSON."""
 
 from __future__ import annotations
 
+from bisect import bisect_left
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from statistics import mean, median, stdev
 from typing import Any
 
-from rorg.sim.agreement import Agreement
+from rorg.model.catalog import Catalog
+from rorg.model.trace import Trace
+from rorg.model.workload import Behaviour, Distribution, Workload
 from rorg.sim.player import EmulatedRun
 from rorg.sim.report import reduction
 from rorg.sim.results import RunResult
+from rorg.sim.simulate import simulate
 from rorg.sim.standins import Share
+
+EVERY = 0.05
+"""Seconds between two samples of a simulation."""
+WARM_UP = 120.0
+"""Seconds for the simulated robot to start before the trace begins. An emulation waits for that, too."""
+
+
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """How often two runs agree, as fractions."""
+
+    moments: int
+    services: float
+    """Over all moments, and all services that were ever active: how often both runs agree on a service."""
+    sets: float
+    """Over all moments: how often both sets of services are equal."""
+    differing: tuple[tuple[str, int], ...]
+    """Services with the number of moments at which they differ, largest first."""
+
+
+def agreement(simulated: RunResult, emulated: RunResult) -> Agreement:
+    """Compares each sample of the emulation with the nearest sample of the simulation."""
+    if not simulated.samples or not emulated.samples:
+        return Agreement(0, 1.0, 1.0, ())
+    times = [sample.at for sample in simulated.samples]
+    pairs = [(simulated.samples[_nearest(times, s.at)].active, s.active) for s in emulated.samples]
+    known = frozenset[str]().union(*(ours | theirs for ours, theirs in pairs))
+    counted = Counter(name for ours, theirs in pairs for name in ours ^ theirs)
+    compared = len(pairs) * len(known)
+    return Agreement(
+        len(pairs),
+        1 - sum(counted.values()) / compared if compared else 1.0,
+        sum(ours == theirs for ours, theirs in pairs) / len(pairs),
+        tuple(counted.most_common()),
+    )
+
+
+def _nearest(times: Sequence[float], at: float) -> int:
+    """The index of the nearest of these sorted times."""
+    after = min(bisect_left(times, at), len(times) - 1)
+    return after - 1 if after and at - times[after - 1] < times[after] - at else after
+
+
+def calibrated(run: EmulatedRun) -> Workload:
+    """The measurements of a run by verb and service. A simulation draws from them at random."""
+    up, again = ({s: seconds for (verb, s), seconds in run.measured.items() if verb == v} for v in ("up", "again"))
+    services = {
+        name: Behaviour(
+            start=Distribution(up[name]) if name in up else None,
+            resume=Distribution(again[name]) if name in again else None,
+        )
+        for name in {*up, *again}
+    }
+    return Workload("measured", services, calls={verb: Distribution(seconds) for verb, seconds in run.calls.items()})
+
+
+def simulated(catalog: Catalog, trace: Trace, run: EmulatedRun, workload: Workload, all_on: bool) -> RunResult:
+    """The same trace in virtual time, starting when everything is up. Each event has the time at which the emulation
+    passed it on, because delays of a busy machine are not rorg's decisions."""
+    played = replace(trace, events=run.made).delayed(WARM_UP)
+    found = simulate(catalog, played, workload, 0, name="simulated", all_on=all_on, every=EVERY)
+    samples = tuple(replace(s, at=s.at - WARM_UP) for s in found.samples if s.at >= WARM_UP)
+    return RunResult("simulated", trace.duration, samples)
+
+
+def replayed(run: EmulatedRun) -> Workload:
+    """The measurements of a run in their order: the n-th call of a verb for a service takes the same time again. The
+    remaining differences are those between decisions, and between the times of decisions."""
+    return replace(calibrated(run), measured=run.measured)
 
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """Of one figure over all pairs."""
+    """One figure over all pairs."""
 
     mean: float
     least: float
     most: float
     deviation: float
-    """The standard deviation; 0 of one value."""
+    """The standard deviation; 0 for a single value."""
 
     @classmethod
     def of(cls, values: Sequence[float]) -> Spread:
@@ -31,27 +105,27 @@ class Spread:
 
 @dataclass(frozen=True, slots=True)
 class Compared:
-    """A run, and how far a simulation of the same trace agrees with it."""
+    """A run, and how well simulations of the same trace agree with it."""
 
     run: EmulatedRun
     drawn: Agreement
-    """Where what calls take is drawn from what was measured."""
+    """With durations drawn at random from the measured ones."""
     replayed: Agreement
-    """Where each call takes what it took."""
+    """With the measured duration of each call."""
     simulated: RunResult
-    """That simulation."""
+    """The simulation for `drawn`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Emulation:
-    """All runs so far: all on and rorg in turns."""
+    """All runs so far, alternately with everything on and with rorg."""
 
     trace: str
     compress: float
     engine: str
     share: Share
     machine: Mapping[str, float]
-    """Of this machine: cores, memory."""
+    """Cores and memory of this machine."""
     runs: tuple[Compared, ...]
 
     def with_run(self, one: Compared) -> Emulation:
@@ -59,7 +133,7 @@ class Emulation:
 
     @property
     def reductions(self) -> dict[str, Spread]:
-        """By which part less was used with rorg: cpu, memory. Nothing before a pair is whole."""
+        """The fractions of CPU and memory that rorg saved; empty until a pair is complete."""
         pairs = list(zip(self.runs[::2], self.runs[1::2], strict=False))
         if not pairs:
             return {}
@@ -70,7 +144,7 @@ class Emulation:
 
 
 def _response_times(result: RunResult) -> dict[str, Any]:
-    """Of requests: how many, how many of them were ready in time, and seconds of these; by state of the behaviour."""
+    """State of the behaviour -> number of requests, how many of them became ready, and after how many seconds."""
     by_state: dict[str, list[float | None]] = {}
     for one in result.responses:
         by_state.setdefault(one.state or one.id, []).append(one.seconds)
@@ -87,7 +161,7 @@ def _seconds(found: Sequence[float]) -> dict[str, float]:
 
 
 def as_json(emulation: Emulation) -> dict[str, Any]:
-    """Plain values: CPU in cores, memory in bytes, lengths of time in seconds, everything else as fractions."""
+    """Plain values: CPU in cores, memory in bytes, durations in seconds, everything else as fractions."""
     return {
         "trace": emulation.trace,
         "compress": emulation.compress,
@@ -128,16 +202,12 @@ def _run(one: Compared, share: Share) -> dict[str, Any]:
 
 
 def _agreement(found: Agreement) -> dict[str, Any]:
-    return {
-        "moments": found.moments,
-        "services": round(found.services, 4),
-        "sets": round(found.sets, 4),
-        "differing": dict(found.differing),
-    }
+    rounded = {"services": round(found.services, 4), "sets": round(found.sets, 4)}
+    return {"moments": found.moments, **rounded, "differing": dict(found.differing)}
 
 
 def _changes(result: RunResult) -> Iterator[dict[str, Any]]:
-    """How the active set differs from that of the sample before; the first from nothing."""
+    """Changes of the active set from sample to sample. The first one is relative to the empty set."""
     before = frozenset[str]()
     for sample in result.samples:
         if sample.active != before:

@@ -1,4 +1,4 @@
-"""Containers that are only numbers: for speed, for faults, for evaluation. Time is an argument."""
+"""The sim engine: containers that are only numbers, for fast tests, faults and evaluation. Time is an argument."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import itertools
 import queue
 import threading
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
 
@@ -24,80 +24,47 @@ from rorg.model.joining import NAMESPACES
 from rorg.model.objects import Kind, subject
 from rorg.model.options import LIVE
 from rorg.model.units import stamp
+from rorg.sim.calls import LATENCY, UNSUPPORTED, Faults
 
 EPOCH = datetime(2026, 1, 1, tzinfo=UTC).timestamp()
-LATENCY: Mapping[str, float] = {
-    "create": 0.014,
-    "start": 0.088,
-    "pause": 0.013,
-    "resume": 0.013,
-    "stop": 0.047,
-    "remove": 0.028,
-    "rename": 0.005,
-    "update": 0.010,
-    "signal": 0.005,
-}
-"""Seconds each call takes: medians measured with Docker 20.10 on a 2-core machine."""
 
 
 def iso(now: float) -> str:
-    """Virtual seconds as a time of the engine's clock."""
+    """A virtual time, in seconds, as the engine writes it."""
     return stamp(EPOCH + now)
 
 
-UNSUPPORTED = "not supported"
-"""Fails as what an engine cannot do at all."""
-
-
-@dataclass
-class Faults:
-    """What goes wrong. Keys are (verb, service)."""
-
-    hang: dict[tuple[str, str], float] = field(default_factory=dict)
-    """Extra seconds that a call takes."""
-    fail: dict[tuple[str, str], list[str]] = field(default_factory=dict)
-    """Messages of the next failures, used up one by one."""
-    spent: set[str] = field(default_factory=set)
-    """Containers that cannot be started any more."""
-    crash_after: dict[str, float] = field(default_factory=dict)
-    """Service -> seconds after each start until it exits."""
-    exit_code: int = 1
-    bad: dict[str, str] = field(default_factory=dict)
-    """Digest -> what is wrong with containers of it: `start` is refused, or they `exit` soon after it."""
-    unreachable: bool = False
-
-
 class SimEngine:
-    """Calls happen at once when they are made; how long one would take is asked first, with latency()."""
+    """Every call takes effect immediately. latency() says how long it would have taken."""
 
     name = "sim"
     capabilities = Capabilities()
     local, address = False, ""
-    """Nothing of this machine is a sim container's."""
+    """Containers of this engine use nothing of this machine."""
 
     def __init__(self, owner: str, clock: Callable[[], float], faults: Faults | None = None) -> None:
         self.owner, self.clock, self.faults = owner, clock, faults or Faults()
         self.containers: dict[str, Container] = {}
         self.foreign: set[str] = set()
-        """Names taken by containers that are not ours."""
+        """Names taken by containers that do not belong to rorg."""
         self.calls: list[tuple[float, str, str]] = []
         """Every call that changed something: (time, verb, service)."""
         self.needs: dict[str, tuple[float, int]] = {}
-        """Service -> (cores, bytes) that it takes while it runs."""
+        """Service -> (cores, bytes) that it uses while it runs."""
         self.answers: dict[tuple[str, ...], tuple[int, bytes]] = {}
-        """Command -> its exit code and output; all others say nothing and exit 0."""
+        """Command -> its exit code and output; other commands print nothing and exit with 0."""
         self.devices: dict[str, Plugged] = {}
-        """Identity of a device -> what there is of it; nothing waits for others."""
+        """Identity of a device -> its state. Services do not wait for any other device."""
         self.objects: dict[str, FoundObject] = {}
-        """Networks and volumes by key, those of others too."""
+        """Networks and volumes by key, including those that do not belong to rorg."""
         self._ids = (f"{n:064x}" for n in itertools.count(1))
         self._output: dict[str, bytes] = {}
         self._run_from: dict[str, int] = {}
-        """Container -> where the output of its run of now begins."""
+        """Container -> where the output of its current run begins."""
         self._joined: dict[str, list[str]] = {}
-        """Container -> ids of those whose namespaces it has."""
+        """Container -> ids of the containers whose namespaces or volumes it joins."""
         self._ran: dict[str, tuple[float, float | None]] = {}
-        """Container -> seconds that its run of now has run, up to a pause; and since when it runs again."""
+        """Container -> seconds that its current run had run before the last pause; and since when it runs again."""
         self._followers: list[queue.SimpleQueue[str]] = []
 
     def latency(self, verb: str, service: str) -> float:
@@ -113,7 +80,7 @@ class SimEngine:
         return self.containers.get(container)
 
     def events(self, stop: threading.Event) -> Iterator[tuple[str, str]]:
-        """Every change, in order. Who follows is in real time, whatever the clock says."""
+        """Every change, in order, delivered in real time."""
         changes: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._followers.append(changes)
         try:
@@ -125,12 +92,8 @@ class SimEngine:
             self._followers.remove(changes)
 
     def usage(self, containers: Sequence[Container]) -> dict[str, Usage]:
-        found = {}
-        for container in containers:
-            if container.alive and container.id in self._ran:
-                cores, memory = self.needs.get(container.service, (0.0, 0))
-                found[container.id] = Usage(cores * self._seconds(container.id), memory)
-        return found
+        running = {c.id: self.needs.get(c.service, (0.0, 0)) for c in containers if c.alive and c.id in self._ran}
+        return {one: Usage(cores * self._seconds(one), memory) for one, (cores, memory) in running.items()}
 
     def _seconds(self, container: str) -> float:
         before, since = self._ran[container]
@@ -145,8 +108,7 @@ class SimEngine:
         defaults: Collection[str] = (),
     ) -> str:
         self._fault("create", labels[LABEL_SERVICE])
-        if name in self.foreign or any(c.name == name for c in self.containers.values()):
-            raise EngineError(f"create {name}", f"the name {name} is already in use", kind="name_taken")
+        self._check_name(f"create {name}", name)
         container = next(self._ids)
         live = {k: v for k, v in spec.items() if k in LIVE and k != "container_name"}
         self._joined[container] = self._joins(name, spec)
@@ -170,7 +132,7 @@ class SimEngine:
         return FoundObjects(found, asked, complete=True)
 
     def object_events(self, stop: threading.Event) -> Iterator[None]:
-        """None beyond the first: whoever changes them here looks by itself."""
+        """Only the first event: after changing objects, callers look again without one."""
         yield
         stop.wait()
 
@@ -178,7 +140,7 @@ class SimEngine:
         one = found_object(kind, name, next(self._ids), labels)
         self._fault("create", one.key)
         if one.key in self.objects:
-            raise EngineError(f"create the {kind} {name}", "one of that name is there")
+            raise EngineError(f"create the {kind} {name}", "the name is already in use")
         self.objects[one.key] = one
 
     def remove_object(self, kind: Kind, name: str) -> None:
@@ -186,7 +148,7 @@ class SimEngine:
         if one is None:
             return
         if one.owner != self.owner:
-            raise EngineError(f"remove the {kind} {name}", "it is not rorg's", kind="foreign")
+            raise EngineError(f"remove the {kind} {name}", "it does not belong to rorg", kind="foreign")
         self._fault("remove", one.key)
         users = [c.name for c in self.containers.values() if c.alive and name in c.networks]
         if users:
@@ -194,7 +156,7 @@ class SimEngine:
         del self.objects[one.key]
 
     def _joins(self, name: str, spec: Mapping[str, Any]) -> builtins.list[str]:
-        """As Docker, which knows those that a container is joined to by their ids."""
+        """Ids of joined containers. Like Docker, the engine finds them by id, not by name."""
         found = [v.removeprefix("container:") for o in NAMESPACES if (v := spec.get(o, "")).startswith("container:")]
         others = [v.partition(":")[0] for v in spec.get("volumes_from", ()) if not v.startswith("container:")]
         lost = [c for c in [*found, *others] if c not in self.containers]
@@ -204,21 +166,21 @@ class SimEngine:
 
     def start(self, container: str) -> None:
         self._join(container)
+        what = f"start {container[:12]}"
         for other in self._joined.get(container, ()):
             if other not in self.containers or not self.containers[other].alive:
-                raise EngineError(f"start {container[:12]}", f"cannot join a container that does not run: {other}")
+                raise EngineError(what, f"cannot join a container that does not run: {other}")
         if self.faults.bad.get(self._get(container).digest) == "start":
-            raise EngineError(f"start {container[:12]}", "no such program")
+            raise EngineError(what, "no such program")
         if container in self.faults.spent:
-            raise EngineError(f"start {container[:12]}", f"task {container}: already exists", kind="spent")
-        self._change(
-            "start", container, ("created", "exited"), state="running", started_at=iso(self.clock()), exit_code=None
-        )
+            raise EngineError(what, f"task {container}: already exists", kind="spent")
+        started = iso(self.clock())
+        self._change("start", container, ("created", "exited"), state="running", started_at=started, exit_code=None)
         self._ran[container] = 0.0, self.clock()
         self._run_from[container] = len(self._output.get(container, b""))
 
     def _join(self, container: str) -> None:
-        """A network that was joined once is joined again by its id, as with Docker."""
+        """Joins a network for the second time by its id, like Docker."""
         found = self._get(container)
         for name, known in found.networks.items():
             there = self.objects.get(subject("network", name))
@@ -247,31 +209,29 @@ class SimEngine:
         self._output.pop(container, None)
 
     def rename(self, container: str, name: str) -> None:
-        if name in self.foreign or any(c.name == name for c in self.containers.values() if c.id != container):
-            raise EngineError(f"rename {container[:12]}", f"the name {name} is already in use", kind="name_taken")
+        self._check_name(f"rename {container[:12]}", name, container)
         self._change("rename", container, (), name=name)
 
     def update(self, container: str, options: Mapping[str, Any]) -> None:
         self._change("update", container, (), live={**self._get(container).live, **options})
 
     def logs(self, container: str, follow: bool, tail: int | None) -> Iterator[bytes]:
-        """What say() was told until now: following waits for nothing, since the time is virtual."""
+        """Output from say() so far. Following does not wait, because time is virtual."""
         self._get(container)
         lines = self._output.get(container, b"").splitlines(keepends=True)
         yield from lines if tail is None else lines[max(0, len(lines) - tail) :]
 
     def log_lines(self, container: str, tail: int | None, since: float | None, whole: bool) -> Iterator[LogLine]:
-        """Of no time, as say() gives none; all lines are whole."""
+        """Lines without a time, because say() has none."""
         place = 0
         for text in self.logs(container, False, tail):
             place += len(text)
             yield LogLine("", text, str(place))
 
     def log_follow(self, container: str, place: str, reading: Reading) -> Iterator[LogLine]:
-        """What say() was told until now."""
-        for line in self.log_lines(container, None, None, False):
-            if int(line.place) > int(place or 0) and not reading.ended:
-                yield line
+        """Output from say() so far."""
+        lines = self.log_lines(container, None, None, False)
+        yield from (line for line in lines if int(line.place) > int(place or 0) and not reading.ended)
 
     def log_since(self, container: str, place: str) -> Iterator[tuple[bytes, str]]:
         self._get(container)
@@ -289,27 +249,31 @@ class SimEngine:
     def close(self) -> None:
         pass
 
-    # -- behind rorg's back ------------------------------------------------------------------------------------
+    # -- events that rorg does not cause -----------------------------------------------------------------------
 
     def plug(self, identity: str, node: str = "/dev/ttyUSB0", number: str = "c 188:0") -> None:
-        """A device is plugged in, and has this node."""
+        """Plugs in a device with this node."""
         self.devices[identity] = Plugged(node, number)
 
     def unplug(self, identity: str) -> None:
         self.devices[identity] = Plugged(problem="is not there")
 
     def kill(self, container: str, code: int = 137) -> None:
-        """It ends by itself."""
+        """The container exits."""
         self.containers[container] = replace(self._get(container), state="exited", exit_code=code)
         self._tell(container)
 
     def say(self, container: str, output: bytes) -> None:
-        """Its program prints something."""
+        """The program prints something."""
         self._output[self._get(container).id] = self._output.get(container, b"") + output
 
     def _tell(self, container: str) -> None:
         for changes in self._followers:
             changes.put(container)
+
+    def _check_name(self, what: str, name: str, own: str = "") -> None:
+        if name in self.foreign or any(c.name == name for c in self.containers.values() if c.id != own):
+            raise EngineError(what, f"the name {name} is already in use", kind="name_taken")
 
     def _get(self, container: str) -> Container:
         if container not in self.containers:
@@ -332,5 +296,5 @@ class SimEngine:
         self._tell(container)
 
 
-_held: type[Engine] = SimEngine
-"""mypy holds it to the protocol here."""
+_checked: type[Engine] = SimEngine
+"""Makes mypy check the class against the protocol."""

@@ -1,4 +1,4 @@
-"""A trace on a robot that runs: requests are made at their times, and what comes of it is measured."""
+"""Plays a trace on a running robot: makes its requests at their times, and measures the result."""
 
 from __future__ import annotations
 
@@ -6,42 +6,87 @@ import os
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 from rorg.core.decide import Decision
+from rorg.core.observed import Container
 from rorg.core.wanted import wanted
 from rorg.daemon.loop import Loop
+from rorg.engines.protocol import Usage
 from rorg.history.journal import ALL, Filter
 from rorg.model.catalog import Request
 from rorg.model.trace import Trace, TraceEvent
-from rorg.sim.metering import OwnMeter, ServicesMeter
-from rorg.sim.responses import Responses
-from rorg.sim.results import RunResult, Sample
+from rorg.sim.results import Responses, RunResult, Sample, Violations
 from rorg.sim.throwaway import ThrowawayRobot
-from rorg.sim.violations import Violations
+
+PAGE = os.sysconf("SC_PAGE_SIZE")
+
+
+class ServicesMeter:
+    """Measures CPU and memory of containers, from the engine's counters (control groups, if it has any). What a
+    container used between the last look and its end is lost, so look often."""
+
+    def __init__(self, usage: Callable[[tuple[Container, ...]], Mapping[str, Usage]]) -> None:
+        self._usage = usage
+        self._before: dict[str, float] | None = None
+        self.cpu_seconds = 0.0
+        """CPU seconds since the first look."""
+        self.memory = 0
+        """Bytes at the last look."""
+
+    def look(self, containers: tuple[Container, ...]) -> None:
+        found = self._usage(containers)
+        now = {f"{c.id} {c.started_at}": found[c.id] for c in containers if c.id in found}
+        if self._before is not None:
+            before = self._before
+            self.cpu_seconds += sum(max(0.0, use.cpu - before.get(run, 0.0)) for run, use in now.items())
+        self._before = {run: use.cpu for run, use in now.items()}
+        self.memory = sum(use.memory for use in now.values())
+
+
+class OwnMeter:
+    """Measures CPU and memory of this process, which runs the loop, without the CPU of the measuring thread."""
+
+    def __init__(self) -> None:
+        self._cpu, self._at = self._used(), time.monotonic()
+
+    def cores(self) -> float:
+        """Mean number of cores since it was made."""
+        return (self._used() - self._cpu) / (time.monotonic() - self._at)
+
+    @staticmethod
+    def memory() -> int:
+        """Resident memory in bytes."""
+        return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * PAGE
+
+    @staticmethod
+    def _used() -> float:
+        return time.process_time() - time.thread_time()
+
 
 LOOK, LOOKS = 0.25, 4
-"""Seconds between two looks at what services use; so many of them are a sample."""
+"""Seconds between two looks at the services' use; looks for each sample."""
 AGAIN = 0.02
-"""Seconds after which a request whose requester is not ready is tried again."""
+"""Seconds until rorg tries a request again if its requester was not ready."""
 
 
 @dataclass(frozen=True, slots=True)
 class EmulatedRun:
-    """What was measured in one run."""
+    """The measurements of one run."""
 
     result: RunResult
     own_cpu: float
-    """Cores that rorg itself used, in the mean."""
+    """Mean number of cores that rorg itself used."""
     own_memory: int
-    """Bytes that its process held at the most, what measures included."""
+    """Largest number of bytes in use by its process, including the measurements."""
     load: tuple[float, float]
-    """The machine's load average of a minute, before and after."""
+    """The machine's load average over one minute, before and after."""
     measured: Mapping[tuple[str, str], tuple[float, ...]]
-    """As of a Workload: seconds of calls of the engine, and until services were ready."""
+    """Seconds of calls of the engine, and until services were ready, in the form of a Workload."""
     made: tuple[TraceEvent, ...]
-    """The events of the trace, each at the time at which it was passed on."""
+    """The events of the trace, each with the time at which it was passed on."""
 
     @property
     def calls(self) -> dict[str, tuple[float, ...]]:
@@ -55,16 +100,17 @@ class EmulatedRun:
 
 @dataclass
 class Readiness:
-    """How long services took to be ready that were started `since` then (monotonic seconds), where they are asked."""
+    """Measures how long services with a probe took to become ready. Only starts after `since` count (monotonic
+    seconds)."""
 
     since: float
     found: dict[tuple[str, str], list[float]] = field(default_factory=dict)
     """(up after a start, again after a resume; service) -> seconds."""
     _seen: dict[str, tuple[str, float]] = field(default_factory=dict)
-    """Service -> the run that was ready last, and since when it ran."""
+    """Service -> the run that was last ready, and since when it ran."""
 
     def look(self, decision: Decision) -> None:
-        """After every pass."""
+        """Called after every pass."""
         for name, service in decision.situation.desired.catalog.services.items():
             step = decision.memory.of(name)
             if service.ready is None or service.ready.delay is not None:
@@ -79,7 +125,7 @@ class Readiness:
 
 
 class Player:
-    """Plays one trace on a robot that is settled. Time 0 is when play() is called."""
+    """Plays one trace on a settled robot. Time 0 is the call of play()."""
 
     def __init__(self, robot: ThrowawayRobot, loop: Loop, trace: Trace) -> None:
         catalog = loop.tree.desired.catalog
@@ -90,14 +136,15 @@ class Player:
         self._standing: dict[tuple[str, str], TraceEvent] = {}
         """Requests of the trace that are not released."""
         self._unmade: dict[tuple[str, str], TraceEvent] = {}
-        """Those of them that wait for their requester."""
+        """Standing requests whose requester is not ready yet."""
         self._passed: list[TraceEvent] = []
         self._samples: list[Sample] = []
         self._cpu_before = 0.0
         """CPU seconds at the last sample."""
         self._began = 0.0
         self._lock = threading.Lock()
-        """Over `responses` and `violations`: requests are made in one thread, and get ready in that of the loop."""
+        """Guards `responses` and `violations`: one thread makes requests, the loop's thread sees that they are
+        ready."""
 
     @property
     def now(self) -> float:
@@ -105,7 +152,7 @@ class Player:
         return time.monotonic() - self._began
 
     def play(self, name: str) -> EmulatedRun:
-        """To the end of the trace. `name` is that of the result."""
+        """Plays the trace to its end. `name`: of the result."""
         seq, load, memory = self.loop.recorder.journal.last, os.getloadavg()[0], 0
         self.meter.look(self.robot.containers())
         own, self._began = OwnMeter(), time.monotonic()
@@ -131,7 +178,7 @@ class Player:
     # -- time --------------------------------------------------------------------------------------------------
 
     def _moments(self) -> Iterator[None]:
-        """Does everything at its time; one for each sample."""
+        """Does everything at its time, and yields once for each sample."""
         events, looks = deque(self.trace.events), 1
         while True:
             event = events[0].at if events else self.trace.duration + 1
@@ -150,7 +197,7 @@ class Player:
             looks += 1
 
     def _sleep(self, until: float) -> None:
-        """Meanwhile requests are made whose requesters get ready."""
+        """Sleeps, and makes requests as soon as their requesters are ready."""
         while (left := until - self.now) > 0:
             time.sleep(min(left, AGAIN) if self._unmade else left)
             self._make()
@@ -181,13 +228,13 @@ class Player:
         self._passed.append(replace(event, at=self.now))
 
     def _want(self) -> None:
-        """What the trace wants, by the rule of activation."""
+        """Updates what the trace wants, by the rule of activation."""
         asked = [Request(e.id, e.requester, e.services) for e in self._standing.values()]
         with self._lock:
             self.violations.wants(frozenset(wanted(self.catalog, [*self.catalog.requests, *asked])))
 
     def _make(self) -> None:
-        """Makes the requests whose requesters are there."""
+        """Makes the requests whose requesters are ready."""
         for key, event in list(self._unmade.items()):
             run = self._run_of(event.requester)
             if run != "":
@@ -196,13 +243,13 @@ class Player:
                 self.robot.requests.change(lambda asked, request=request: asked.put(request))  # type: ignore[misc]
 
     def _run_of(self, requester: str) -> str | None:
-        """The run that requests now; "" while there is none, None for who has no runs."""
+        """The run that makes a request now; "" if there is none yet, None if the requester has no runs."""
         service = self.catalog.services.get(requester)
         if service is None or service.meta:
             return None
         return self.loop.memory.of(requester).incarnation if self._ready(requester) else ""
 
-    # -- what the loop decides, in its thread --------------------------------------------------------------------
+    # -- called by the loop, in its thread ---------------------------------------------------------------------
 
     def _decided(self) -> None:
         decision = self.loop.decision
@@ -223,7 +270,7 @@ class Player:
         return running and memory.of(service).ready and service not in memory.in_flight
 
     def _calls(self, seq: int) -> dict[tuple[str, str], list[float]]:
-        """Seconds of the calls of the engine that were noted after an entry of the journal, by verb and service."""
+        """(verb, service) -> seconds of each call of the engine after this entry of the journal."""
         found: dict[tuple[str, str], list[float]] = {}
         for entry in self.loop.recorder.journal.select(Filter(kinds=frozenset({"done"}), after=seq), ALL):
             found.setdefault((entry["verb"], entry["service"]), []).append(entry["seconds"])

@@ -1,9 +1,9 @@
-"""Pictures of runs: CPU and memory over time, with what the robot does underneath. matplotlib is imported here only,
-when one is drawn: it is big, and an extra of the installation (`rorg[plots]`)."""
+"""Plots runs: CPU and memory over time, with the robot's activity below, and sweeps. matplotlib is an extra of the
+installation (`rorg[plots]`), and slow to load, so only this file imports it, and only to draw."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,38 +11,40 @@ from typing import TYPE_CHECKING, Any
 from rorg.errors import Invalid
 from rorg.model.trace import Trace
 from rorg.sim.results import RunResult, Sample
+from rorg.sim.tradeoff import Tried
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+
 FORMATS = (".png", ".svg")
 MOST_POINTS = 480
-"""Of a line: means over equal times are drawn where there are more samples."""
+"""Points of a line. If there are more samples, means over equal times are drawn."""
 COLOURS = ("#8c8c8c", "#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#8c564b")
-"""Of runs, the first of which the others are compared with."""
+"""Of runs; all others are compared with the first."""
 BANDS = ("#66c2a5", "#ffd92f", "#377eb8", "#e41a1c", "#fdb462", "#d9d9d9", "#984ea3", "#a6d854")
 """Of states."""
 GIB = 1 << 30
 
 
 def check_drawing(path: Path) -> None:
-    """Raises Invalid where no picture of this name can be drawn here: something that takes long asks first."""
+    """Raises Invalid if a picture of this name cannot be drawn here. Long commands check this first."""
     what = f"draw {path}"
     if path.suffix not in FORMATS:
-        raise Invalid(what, f"'{path.suffix}' is no format of pictures", " or ".join(FORMATS))
+        raise Invalid(what, f"'{path.suffix}' is not a supported format", " or ".join(FORMATS))
     if find_spec("matplotlib") is None:
         raise Invalid(what, "matplotlib is not installed", "`pip install 'rorg[plots]'`")
 
 
 def draw(results: Sequence[RunResult], trace: Trace, path: Path, footnote: str) -> None:
-    """CPU and memory over time. Raises Invalid as save() does."""
+    """Plots CPU and memory over time. Raises Invalid as save() does."""
     save(lambda: _figure(results, trace, footnote), path)
 
 
 def save(make: Callable[[], Figure], path: Path) -> None:
-    """Writes a picture, PNG or SVG by its name. The same figure gives the same SVG. Raises Invalid where that cannot be
-    done."""
+    """Writes a figure as PNG or SVG, depending on the name. The same figure always gives the same SVG. Raises Invalid
+    if that is impossible."""
     check_drawing(path)
     import matplotlib as mpl
 
@@ -88,7 +90,7 @@ def _figure(results: Sequence[RunResult], trace: Trace, footnote: str) -> Any:
 
 
 def _activity(axes: Axes, trace: Trace, scale: float) -> None:
-    """A band for each state of the behaviours, one behaviour above the other."""
+    """Draws a band for each state, with one row for each behaviour."""
     spans = trace.states()
     who = list(dict.fromkeys(span[2] for span in spans))
     names = list(dict.fromkeys(span[3] for span in spans))
@@ -101,7 +103,7 @@ def _activity(axes: Axes, trace: Trace, scale: float) -> None:
 
 
 def _thinned(samples: Sequence[Sample]) -> list[Sample]:
-    """At the most MOST_POINTS, each the mean over some samples."""
+    """At most MOST_POINTS samples, each the mean of several."""
     every = -(-len(samples) // MOST_POINTS) or 1
     parts = [samples[i : i + every] for i in range(0, len(samples), every)]
     return [
@@ -110,3 +112,49 @@ def _thinned(samples: Sequence[Sample]) -> list[Sample]:
         )
         for part in parts
     ]
+
+
+AXES = (("CPU (cores, mean)", "cpu", 1.0), ("memory (GiB, mean)", "memory", 1 << 30))
+"""Label, field of a Cost, and its unit."""
+
+
+def draw_sweep(found: Sequence[Tried], title: str, note: str) -> Figure:
+    """Plots how long requests wait over the CPU and memory that this costs. Each line goes through the values of the
+    first setting, for one combination of the others. Filled points are not beaten by any other. `note`: below the
+    plot."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11, 5), layout="constrained")
+    panels: Any = figure.subplots(1, len(AXES), sharey=True)
+    for axes, (label, field, unit) in zip(panels, AXES, strict=True):
+        for name, line in _lines(found).items():
+            _draw(axes, name, line, field, unit)
+        axes.set_xlabel(label)
+        axes.grid(alpha=0.3)
+    panels[0].set_ylabel("response time (s, mean)")
+    panels[0].set_ylim(bottom=0)
+    if len(_lines(found)) > 1:
+        panels[-1].legend()
+    figure.suptitle(title)
+    figure.supxlabel(f"Filled: none of the others costs less of everything. {note}", fontsize="small")
+    return figure
+
+
+def _lines(found: Sequence[Tried]) -> Mapping[str, list[Tried]]:
+    """Points by their common settings; one that is not a combination of settings is on its own."""
+    lines = dict[str, list[Tried]]()
+    for one in found:
+        rest = [f"{key}={value}" for key, value in list(one.variant.settings.items())[1:]]
+        lines.setdefault(", ".join(rest) if one.variant.settings else one.variant.name, []).append(one)
+    return lines
+
+
+def _draw(axes: Axes, name: str, line: Sequence[Tried], field: str, unit: float) -> None:
+    points = [(getattr(one.cost, field) / unit, one.cost.waiting) for one in line]
+    (drawn,) = axes.plot([x for x, _ in points], [y for _, y in points], alpha=0.5, label=name)
+    colour = drawn.get_color()
+    for one, point in zip(line, points, strict=True):
+        fill = colour if one.efficient else "white"
+        axes.plot(*point, "o", color=colour, markerfacecolor=fill)
+        first = next(iter(one.variant.settings.items()), ("", one.variant.name))
+        axes.annotate(first[1], point, textcoords="offset points", xytext=(5, 5), fontsize="small")

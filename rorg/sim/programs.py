@@ -1,5 +1,5 @@
-"""What the programs of services do in a simulation, drawn from a workload. Each service draws from streams of its own,
-one for each purpose: a policy that starts one of them more often changes nothing of the others."""
+"""How the programs of services behave in a simulation, drawn from a workload. Each service has a random stream of its
+own for each purpose, so that a policy that starts one service more often does not change the others."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from random import Random
 
 from rorg.model.catalog import Service
 from rorg.model.workload import Behaviour, Distribution, Workload
-from rorg.sim.engine import LATENCY
+from rorg.sim.calls import LATENCY
 
 COMES_UP = Distribution((0.1,))
-"""Seconds that a program takes, where nothing is said."""
+"""Seconds that a program takes to come up, unless the workload says otherwise."""
 HOUR = 3600.0
 
 
 class Programs:
-    """Bit for bit the same for the same seed."""
+    """Draws the behaviour of programs; the same seed gives exactly the same values."""
 
     def __init__(self, services: Mapping[str, Service], workload: Workload, seed: int) -> None:
         self.services, self.workload, self.seed = services, workload, seed
@@ -25,7 +25,7 @@ class Programs:
         self._measured = {key: iter(seconds) for key, seconds in workload.measured.items()}
 
     def call(self, verb: str, service: str) -> float:
-        """Seconds that a call of the engine takes; to stop something takes as long as its processes take to end."""
+        """Seconds that a call of the engine takes; `stop` also takes as long as the processes take to end."""
         if (measured := self._next(verb, service)) is not None:
             return measured
         said = self.workload.calls.get(verb)
@@ -34,7 +34,7 @@ class Programs:
         return taken + (self._draw(ending, service, "end") if ending else 0.0)
 
     def start(self, service: str) -> float:
-        """Seconds from its start until it does what it is for."""
+        """Seconds from the start until the program does its work."""
         if (measured := self._next("up", service)) is not None:
             return measured
         said, ready = self.workload.of(service).start, self.services[service].ready
@@ -43,23 +43,23 @@ class Programs:
         return self._draw(said or COMES_UP, service, "up")
 
     def resume(self, service: str) -> float:
-        """Seconds from its resume until it does so again."""
+        """Seconds from the resume until the program does its work again."""
         measured = self._next("again", service)
         return measured if measured is not None else self._draw(self._resume(service), service, "again")
 
     def life(self, service: str) -> float:
-        """Seconds that it runs before it crashes."""
+        """Seconds until the program crashes."""
         rate = self.workload.of(service).crashes
         return self._stream(service, "crash").expovariate(rate / HOUR) if rate else inf
 
     def cores(self, service: str, in_use: bool) -> float:
-        """That it uses while it runs."""
+        """Cores in use while the program runs."""
         one = self.workload.of(service)
         active = one.cpu or Distribution((self.services[service].cpu,))
         return self._draw(active if in_use else one.cpu_idle or active, service, "cpu")
 
     def memory(self, service: str, state: str, in_use: bool) -> float:
-        """Bytes that it uses, running or paused, beside what it has grown by."""
+        """Bytes in use, running or paused, without what the program has grown by."""
         return self._draw(self._memory(self.workload.of(service), service, state, in_use), service, "memory")
 
     def growth(self, service: str) -> float:
@@ -76,7 +76,7 @@ class Programs:
         return self.workload.of(service).resume or COMES_UP
 
     def _next(self, verb: str, service: str) -> float | None:
-        """What was measured of its next call."""
+        """The next measured duration, if there is one."""
         return next(self._measured.get((verb, service), iter(())), None)
 
     def _draw(self, one: Distribution, service: str, purpose: str) -> float:

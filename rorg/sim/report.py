@@ -1,9 +1,10 @@
-"""What runs of a trace came to, in figures: values for programs, rows for tables, time series."""
+"""Figures of traces and of their runs: values for programs, rows for tables, time series."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from math import ceil
 from statistics import median
 from typing import Any
@@ -13,14 +14,14 @@ from rorg.model.units import format_memory
 from rorg.sim.results import Response, RunResult
 
 COLUMNS = ("run", "cpu", "memory", "peak", "ready", "95%", "never", "violations")
-"""Of a table, a row each run."""
+"""Columns of a table with a row for each run."""
 WIDE = ("calls",)
 SERIES = ("run", "at", "state", "cpu", "memory", "active", "paused")
-"""Of a time series, a row each sample."""
+"""Columns of a time series with a row for each sample."""
 
 
 def summary(result: RunResult, against: RunResult | None = None) -> dict[str, Any]:
-    """Cores, bytes and seconds; `reduction` is the part of what `against` uses that this run does not."""
+    """Cores, bytes and seconds. `reduction`: the fraction that this run saves compared with `against`."""
     return {
         "run": result.name,
         "duration": result.duration,
@@ -35,7 +36,7 @@ def summary(result: RunResult, against: RunResult | None = None) -> dict[str, An
 
 
 def reduction(result: RunResult, against: RunResult) -> dict[str, float]:
-    """Parts of 1: of CPU and of memory."""
+    """The fractions of CPU and memory that are saved."""
     return {
         "cpu": 1 - result.cpu / against.cpu if against.cpu else 0.0,
         "memory": 1 - result.memory / against.memory if against.memory else 0.0,
@@ -43,7 +44,7 @@ def reduction(result: RunResult, against: RunResult) -> dict[str, float]:
 
 
 def _times_by_state(responses: Sequence[Response]) -> dict[str, Any]:
-    """By the state that was entered, or the id of a request by itself."""
+    """Response times by the state that was entered, or by the id of a request outside of any state."""
     found: dict[str, list[Response]] = {}
     for one in responses:
         found.setdefault(one.state or one.id, []).append(one)
@@ -51,7 +52,7 @@ def _times_by_state(responses: Sequence[Response]) -> dict[str, Any]:
 
 
 def _times(responses: Sequence[Response]) -> dict[str, Any]:
-    """Seconds; `never` counts those that were given up before they were ready."""
+    """Response times in seconds; `never` counts requests that were released before they were ready."""
     seconds = sorted(r.seconds for r in responses if r.seconds is not None)
     return {
         "count": len(responses),
@@ -63,22 +64,19 @@ def _times(responses: Sequence[Response]) -> dict[str, Any]:
 
 
 def as_json(results: Sequence[RunResult]) -> list[dict[str, Any]]:
-    """All but the samples; each run is compared with the first one."""
+    """Everything but the samples; each run is compared with the first one."""
     return [
         {
             **summary(one, results[0] if one is not results[0] else None),
-            "requests": [
-                {"at": r.at, "requester": r.requester, "id": r.id, "state": r.state, "seconds": r.seconds}
-                for r in one.responses
-            ],
-            "violated": [{"at": v.at, "code": v.code, "service": v.service, "text": v.text} for v in one.violations],
+            "requests": [asdict(response) for response in one.responses],
+            "violated": [asdict(violation) for violation in one.violations],
         }
         for one in results
     ]
 
 
 def rows(results: Sequence[RunResult]) -> list[dict[str, str]]:
-    """For a table: each run is compared with the first one."""
+    """Rows for a table; each run is compared with the first one."""
     return [_row(summary(one, results[0] if one is not results[0] else None)) for one in results]
 
 
@@ -106,7 +104,7 @@ def _seconds(value: float | None) -> str:
 
 
 def series(results: Sequence[RunResult], trace: Trace) -> Iterator[tuple[str | int | float, ...]]:
-    """Rows of SERIES: cores since the sample before, bytes, and how many services run and are paused."""
+    """Rows of SERIES: cores since the last sample, bytes, and the number of running and paused services."""
     for one in results:
         states = trace.states()
         for sample in one.samples:
@@ -114,3 +112,54 @@ def series(results: Sequence[RunResult], trace: Trace) -> Iterator[tuple[str | i
                 states.pop(0)
             state = states[0][3] if states and states[0][0] <= sample.at else ""
             yield one.name, sample.at, state, sample.cpu, sample.memory, len(sample.active), len(sample.paused)
+
+
+@dataclass(frozen=True, slots=True)
+class Activity:
+    """A state of a behaviour, or a request outside of any state, over a whole trace."""
+
+    kind: str
+    """state or request."""
+    by: str
+    """The behaviour, or the requester."""
+    name: str
+    """The state, or the request's id."""
+    lengths: tuple[float, ...]
+    """Seconds of each occurrence, in order. Requesting other services under the same id is a new occurrence."""
+
+    @property
+    def total(self) -> float:
+        return sum(self.lengths)
+
+    @property
+    def mean(self) -> float:
+        return self.total / len(self.lengths)
+
+    def as_json(self) -> dict[str, Any]:
+        return {
+            "kind": self.kind,
+            "by": self.by,
+            "name": self.name,
+            "times": len(self.lengths),
+            "total": round(self.total, 3),
+            "mean": round(self.mean, 3),
+            "min": round(min(self.lengths), 3),
+            "max": round(max(self.lengths), 3),
+        }
+
+
+def activities(trace: Trace) -> list[Activity]:
+    """All activities of a trace, in order of their first occurrence."""
+    lengths = dict[tuple[str, str, str], list[float]]()
+    under_way = dict[tuple[str, str], tuple[float, list[float]]]()
+    for event in trace.events:
+        request = event.requester, event.id
+        if request in under_way:
+            since, of = under_way.pop(request)
+            of.append(event.at - since)
+        if event.state or event.services:
+            what = ("state", event.requester, event.state) if event.state else ("request", *request)
+            under_way[request] = event.at, lengths.setdefault(what, [])
+    for since, of in under_way.values():
+        of.append(trace.duration - since)
+    return [Activity(*what, tuple(of)) for what, of in lengths.items()]

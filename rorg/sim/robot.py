@@ -1,4 +1,4 @@
-"""A robot in virtual time: the pass of the loop over the sim engine, deterministic."""
+"""A robot in virtual time: the loop's pass over the sim engine, deterministic."""
 
 from __future__ import annotations
 
@@ -26,17 +26,18 @@ from rorg.errors import RorgError
 from rorg.model.catalog import Catalog
 from rorg.model.learned import Learned
 from rorg.model.load import Load
-from rorg.sim.engine import EPOCH, Faults, SimEngine, iso
+from rorg.sim.calls import Faults
+from rorg.sim.engine import EPOCH, SimEngine
 from rorg.store.requests_document import RequestsDocument
 
 PROBE_AFTER = 0.1
-"""Seconds after which a service with a probe answers it, unless ready_after says otherwise."""
+"""Seconds after which a service answers its probe, unless ready_after says otherwise."""
 
 CORES, MEMORY = 4.0, 8 << 30
-"""Of the machine, where the policy's budget says nothing else."""
+"""Of the machine, unless the policy has a budget."""
 
 OFTEN = 0.05
-"""Seconds between passes while probes may tell something new."""
+"""Seconds between passes while probes may have new answers."""
 
 
 class SimRobot:
@@ -46,7 +47,7 @@ class SimRobot:
         self.now = 0.0
         self.faults = Faults()
         self.clock_set = 0.0
-        """Seconds by which the machine's clock was set since."""
+        """Seconds by which the machine's clock was changed."""
         self.engine = SimEngine(owner, lambda: self.now + self.clock_set, self.faults)
         self.owner = owner
         self.desired: Desired = desire(catalog)
@@ -57,25 +58,25 @@ class SimRobot:
         self.hung: set[str] = set()
         """Incarnations that do not answer their `live` probe."""
         self.locked: set[str] = set()
-        """Services whose interlock says no."""
+        """Services whose interlock refuses."""
         self.extra: tuple[float, int] = (0.0, 0)
         """(cores, bytes) that other programs of the machine use."""
         self.learned: Learned | None = None
-        """What was learnt before of requests; None: nothing is prewarmed."""
+        """Knowledge from earlier requests; None: nothing is prewarmed."""
         self.ros: Graphs = {}
-        """What ROS 1 masters say."""
+        """Answers of ROS 1 masters."""
         self.renewals: dict[tuple[str, str], int] = {}
         self._sample: Load | None = None
         self._seen: tuple[Container, ...] = ()
         self._found = FoundObjects()
         self._asked: Mapping[tuple[str, str], Target] = {}
-        """What the last pass wanted to be probed."""
+        """Probes that the last pass wanted."""
         self._told: Mapping[tuple[str, str], ProbeResult] = {}
-        """What probes told the last pass."""
+        """Answers that the last pass received."""
         self.removals = True
         self.booted_at = ""
         self.life = 0
-        """How often another rorg took over."""
+        """How often a new rorg process took over."""
         self.log: list[tuple[float, str]] = []
         self._events: list[tuple[float, int, Callable[[], None]]] = []
         self._numbers = itertools.count()
@@ -85,14 +86,14 @@ class SimRobot:
 
     @property
     def wall(self) -> float:
-        """Virtual now, in seconds since the epoch."""
+        """The virtual time, in seconds since the epoch."""
         return EPOCH + self.now + self.clock_set
 
     def at(self, time: float, do: Callable[[], None]) -> None:
         heapq.heappush(self._events, (time, next(self._numbers), do))
 
     def step(self) -> Decision:
-        """One pass now."""
+        """Runs one pass now."""
         inputs = self.inputs()
         decision = decide(inputs)
         self.decision, self._asked, self._told = decision, decision.to_probe, inputs.results
@@ -117,11 +118,12 @@ class SimRobot:
             raise AssertionError("; ".join(decision.violations))
 
     def _latency(self, action: Action) -> float:
-        """Seconds that its call takes."""
+        """Seconds that the call takes."""
         return self.engine.latency(action.verb, action.service)
 
     def reborn(self, memory: Memory) -> None:
-        """Another rorg takes over. What the one before had begun is done, and nobody hears of the outcome."""
+        """A new rorg process takes over. Calls of the previous one are completed, but nobody receives their
+        outcomes."""
         self.life += 1
         self.memory, self.cache = memory, None
 
@@ -138,7 +140,7 @@ class SimRobot:
             self._done(action)
 
     def _done(self, action: Action) -> None:
-        """A call has had its effect."""
+        """Applies the effects of a completed call."""
         if isinstance(action.operation, Start):
             found = self.engine.containers[action.container]
             after = 0.5 if found.digest in self.faults.bad else self.faults.crash_after.get(action.service)
@@ -185,7 +187,7 @@ class SimRobot:
         )
 
     def _findings(self) -> Mapping[tuple[str, str], ProbeResult]:
-        """Answers to what the last pass asked."""
+        """Answers to the probes that the last pass wanted."""
         found = {}
         for (name, role), target in self._asked.items():
             step = self.memory.of(name)
@@ -202,9 +204,9 @@ class SimRobot:
                 )
         return found
 
-    def _until_asked_again(self) -> float:
-        """Seconds until the next pass for the sake of probes: soon, unless all have told the last one what they tell
-        now, and only an event makes them tell something else: who is not ready yet gets ready by time alone."""
+    def _seconds_to_next_probe(self) -> float:
+        """Seconds until the next pass because of probes. It is soon, unless every answer is the same as in the last
+        pass and only an event can change it. A service that is not ready yet becomes ready just by time."""
         found = self._findings()
         steady = all(
             (answer := found.get(key)) is not None
@@ -217,7 +219,7 @@ class SimRobot:
         return min(target.every for target in self._asked.values()) if steady else OFTEN
 
     def _load(self) -> Load | None:
-        """Everything that runs uses what it declares, `extra` comes on top."""
+        """The machine's load: everything that runs uses what it declares, plus `extra`."""
         limits = self.desired.catalog.policy.pressure
         if limits is None:
             return None
@@ -228,7 +230,7 @@ class SimRobot:
         return self._sample
 
     def _use(self) -> dict[str, tuple[float, int]]:
-        """Service -> cores and bytes that it uses now."""
+        """Service -> cores and bytes in use."""
         services = self.desired.catalog.services
         return {
             c.service: (services[c.service].cpu if c.state == "running" else 0.0, services[c.service].memory)
@@ -237,7 +239,7 @@ class SimRobot:
         }
 
     def run(self, until: Callable[[SimRobot], bool], limit: float = 600.0) -> Decision:
-        """Goes on until the condition holds after a pass; AssertionError when `limit` seconds pass before."""
+        """Runs until the condition holds after a pass. Raises AssertionError after `limit` seconds."""
         end = self.now + limit
         while True:
             decision = self.step()
@@ -245,7 +247,7 @@ class SimRobot:
                 return decision
             times = [self._events[0][0]] if self._events else []
             times += [decision.deadline] if decision.deadline is not None else []
-            times += [self.now + self._until_asked_again()] if decision.to_probe else []
+            times += [self.now + self._seconds_to_next_probe()] if decision.to_probe else []
             times += [self.now + OFTEN] if decision.to_look else []
             limits = self.desired.catalog.policy.pressure
             times += [self.now + limits.step] if limits else []
@@ -255,7 +257,7 @@ class SimRobot:
             self._happen()
 
     def _happen(self) -> None:
-        """What is due by now."""
+        """Runs the events that are due."""
         while self._events and self._events[0][0] <= self.now:
             heapq.heappop(self._events)[2]()
 
@@ -275,6 +277,3 @@ class SimRobot:
 
     def active(self) -> set[str]:
         return {c.service for c in self.engine.list() if c.state == "running"}
-
-
-__all__ = ["SimRobot", "iso"]

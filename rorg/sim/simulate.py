@@ -1,4 +1,4 @@
-"""A trace on a simulated robot: the pass of the loop in virtual time, over programs that behave as a workload says."""
+"""Simulates a trace: the loop's pass in virtual time, over programs that behave as a workload says."""
 
 from __future__ import annotations
 
@@ -13,17 +13,37 @@ from rorg.core.observed import Container
 from rorg.core.pressure import pressed
 from rorg.core.requests import problems
 from rorg.core.wanted import wanted
-from rorg.model.catalog import Catalog, Request
+from rorg.model.catalog import DEVELOPER, Catalog, Request
+from rorg.model.graph import closure, conflicting, overbooked
 from rorg.model.learned import Learned
 from rorg.model.load import Load
 from rorg.model.trace import Trace, TraceEvent
 from rorg.model.workload import Workload
-from rorg.sim.baseline import everything
 from rorg.sim.programs import Programs
-from rorg.sim.responses import Responses
-from rorg.sim.results import RunResult
+from rorg.sim.results import Responses, RunResult
 from rorg.sim.robot import CORES, MEMORY
 from rorg.sim.robot_of_programs import RobotOfPrograms
+
+ALL_ON = "all-on"
+"""Id of the request for everything."""
+
+
+def all_on_services(catalog: Catalog, trace: Trace) -> tuple[str, ...]:
+    """Services that run when everything does. If some must not run together (conflicts, exclusive resources), those
+    that the trace uses come first, and then the earlier names."""
+    asked = (member for event in trace.events for name in event.services for member in catalog.members(name))
+    used = closure(catalog.services, [*asked, *(n for n, s in catalog.services.items() if s.always_on)])
+    found: set[str] = set()
+    for name in sorted((n for n, s in catalog.services.items() if not s.meta), key=lambda n: (n not in used, n)):
+        more = found | closure(catalog.services, [name])
+        if not conflicting(catalog.services, more) and not overbooked(catalog, more):
+            found = more
+    return tuple(sorted(n for n in found if not catalog.services[n].meta))
+
+
+def everything(catalog: Catalog, trace: Trace) -> Request:
+    """The request that keeps all of them active."""
+    return Request(ALL_ON, DEVELOPER, all_on_services(catalog, trace), "everything runs, for comparison")
 
 
 def simulate(
@@ -37,18 +57,17 @@ def simulate(
     every: float = 1.0,
     learned: Learned | None = None,
 ) -> RunResult:
-    """Runs the trace on a robot whose programs behave as the workload says, from a machine on which nothing runs.
+    """Runs the trace on a robot whose programs behave as the workload says, on a machine on which nothing runs yet.
 
-    The same arguments give the same result, bit for bit. `all_on`: everything runs all the time, for comparison,
-    and the trace asks for nothing more than that but where something else could not run beside it.
-    `every`: seconds between two samples; sums do not depend on it. `learned`: what is known of requests when it begins,
-    for services that are prewarmed; it goes on learning. None: none are.
+    The same arguments give exactly the same result. `all_on`: for comparison, everything runs all the time; the trace
+    then only requests services that could not run together with the rest. `every`: seconds between two samples; sums
+    do not depend on it. `learned`: what is already known of requests, for services that are prewarmed; the simulation
+    adds to it. None: nothing is prewarmed.
 
-    A requester that is a service requests by its run of then, as in reality: while it is not ready its requests wait,
-    and a run that takes the place of one that crashed makes anew what the trace last asked in its name. The time until
-    a request is ready counts from its time in the trace. What a program uses while it is wanted or not goes by what
-    the trace wants, also where everything runs. Use adds up: nothing gets slower when more is asked of a machine than
-    it has.
+    As in reality, a service makes its requests in its current run. They wait until it is ready, and a run that
+    replaces a crashed one repeats the last requests that the trace made in its name. The time until a request is ready
+    counts from its time in the trace. Whether a program is in use depends only on what the trace wants, even if
+    everything runs. Use simply adds up: nothing gets slower if the machine is overloaded.
     """
     run = _Run(catalog, trace, Programs(catalog.services, workload, seed), every)
     run.learned = learned
@@ -68,7 +87,7 @@ def simulate(
 
 
 class _Run(RobotOfPrograms):
-    """A robot that is asked for what a trace says."""
+    """A robot that receives the requests of a trace."""
 
     def __init__(self, catalog: Catalog, trace: Trace, programs: Programs, every: float) -> None:
         super().__init__(catalog, programs, every)
@@ -77,9 +96,9 @@ class _Run(RobotOfPrograms):
         self._standing: dict[tuple[str, str], TraceEvent] = {}
         """Requests of the trace that are not released."""
         self._unmade: set[tuple[str, str]] = set()
-        """Those of them that wait for their requester."""
+        """Standing requests whose requester is not ready yet."""
         self._on: frozenset[str] = frozenset()
-        """Services that are always asked for."""
+        """Services that are always requested."""
         self._sample_at = inf
         self._mattered = False
         for event in trace.events:
@@ -88,14 +107,14 @@ class _Run(RobotOfPrograms):
             self._sample_at, self._sample = 0.0, None
 
     def turn_on(self, request: Request) -> None:
-        """Asks for services for as long as the trace lasts."""
+        """Requests services for the whole trace."""
         self.document = self.document.put(request)
         self._on = frozenset(m for name in request.services for m in self.desired.catalog.members(name))
 
     # -- time --------------------------------------------------------------------------------------------------
 
     def play(self) -> None:
-        """To the end of the trace."""
+        """Plays the trace to its end."""
         self.step()
         self._want()
         self._happen()
@@ -109,7 +128,7 @@ class _Run(RobotOfPrograms):
                 return
 
     def _go_on(self, decision: Decision) -> bool:
-        """Until something is worth a pass; False at the end."""
+        """Moves on until a pass is needed; False at the end of the trace."""
         asked = self._asked_next()
         deadline = inf if decision.deadline is None else decision.deadline
         while True:
@@ -141,7 +160,7 @@ class _Run(RobotOfPrograms):
         self._standing.pop(key, None)
         if event.services:
             self._standing[key] = event
-        if event.services and self._asks_more(event):
+        if event.services and self._needs_request(event):
             self._unmade.add(key)
         else:
             self.document = self.document.without({key})
@@ -149,7 +168,7 @@ class _Run(RobotOfPrograms):
         self._made()
 
     def _want(self) -> None:
-        """What the trace wants, by the rule of activation."""
+        """Updates what the trace wants, by the rule of activation."""
         catalog = self.desired.catalog
         asked = [Request(e.id, e.requester, e.services) for e in self._standing.values()]
         self.in_use = frozenset(wanted(catalog, [*catalog.requests, *asked]))
@@ -157,9 +176,9 @@ class _Run(RobotOfPrograms):
         self._accounted = ()
 
     def _made(self) -> bool:
-        """Makes the requests whose requesters are there; whether there were any."""
+        """Makes the requests whose requesters are ready; whether there were any."""
         held = {r.key for r in self.document.requests}
-        self._unmade |= {key for key, event in self._standing.items() if key not in held and self._asks_more(event)}
+        self._unmade |= {key for key, event in self._standing.items() if key not in held and self._needs_request(event)}
         made = False
         for key in sorted(self._unmade, key=list(self._standing).index):
             event = self._standing[key]
@@ -179,12 +198,12 @@ class _Run(RobotOfPrograms):
             made = True
         return made
 
-    def _asks_more(self, event: TraceEvent) -> bool:
-        """Whether it names something that is not asked for anyway."""
+    def _needs_request(self, event: TraceEvent) -> bool:
+        """Whether an event names a service that is not requested anyway."""
         return any(m not in self._on for name in event.services for m in self.desired.catalog.members(name))
 
     def _run_of(self, requester: str) -> str | None:
-        """The run that requests now; "" while there is none, None for who has no runs."""
+        """The run that makes a request now; "" if there is none yet, None if the requester has no runs."""
         service = self.desired.catalog.services.get(requester)
         if service is None or service.meta:
             return None
@@ -196,7 +215,7 @@ class _Run(RobotOfPrograms):
         self.responses.look(self._ready, self.now)
 
     def _ready(self, service: str) -> bool:
-        """rorg takes it for ready, and its program is."""
+        """Whether rorg considers a service ready, and its program is up."""
         step = self.memory.of(service)
         found = next(iter(self._observed().get(service, ())), None)
         if found is None:
@@ -214,7 +233,7 @@ class _Run(RobotOfPrograms):
         return self._sample
 
     def _sampled(self) -> bool:
-        """A sample of the machine; whether it is worth a pass, by the rule of the daemon's loop."""
+        """Samples the machine; whether that needs a pass, by the rule of the daemon's loop."""
         policy = self.desired.catalog.policy
         if policy.pressure is None:
             return False

@@ -1,5 +1,5 @@
-"""A robot of stand-ins: the services of a tree, each with a program in place of its own that uses the CPU and memory
-that its manifest expects."""
+"""A robot of stand-ins: each service of a tree runs a program that uses the CPU and memory that its manifest declares,
+instead of its own."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 from rorg.model.catalog import Catalog, Image, Probe, Service, Updating
 
 PROGRAM = "standin"
-"""The program, and the image that holds it."""
+"""The program, and the image that contains it."""
 MOST_CPU, MOST_MEMORY = 0.25, 0.25
-"""What all of them together take of the machine at the most, where nothing else is said: others use it too."""
+"""Fractions of the machine that all stand-ins may take together by default, because other programs need it too."""
 READY_AFTER = 0.1
-"""Seconds after which a stand-in counts as ready whose program would be asked something that only it can answer."""
+"""Seconds until a stand-in counts as ready if its own program would have to answer the probe."""
 TASK = 1.0
 """Seconds that a stand-in of a task runs."""
 LOCAL = ("127.0.0.1", "localhost", "")
@@ -21,14 +21,14 @@ LOCAL = ("127.0.0.1", "localhost", "")
 
 @dataclass(frozen=True, slots=True)
 class Share:
-    """Factors on what services declare: the cores and bytes of another machine become those of this one."""
+    """Factors for declared cores and bytes, to scale them from another machine to this one."""
 
     cpu: float = 1.0
     memory: float = 1.0
 
 
 def share_of(catalog: Catalog, names: Collection[str], cores: float, memory: float) -> Share:
-    """Such that these services together take MOST_CPU of the cores and MOST_MEMORY of the bytes at the most."""
+    """The share with which these services together use at most MOST_CPU of the cores and MOST_MEMORY of the bytes."""
     cpu = sum(catalog.services[n].cpu for n in names)
     used = sum(catalog.services[n].memory for n in names)
     return Share(
@@ -38,11 +38,13 @@ def share_of(catalog: Catalog, names: Collection[str], cores: float, memory: flo
 
 
 def stand_ins(catalog: Catalog, images: Mapping[str, Image], share: Share, prefix: str) -> Catalog:
-    """The same robot: who needs, excludes and requests whom, idle policies, priorities and groups are as they were.
-    Containers get another image, and names that begin with `prefix`, and use no devices, files, networks or volumes of
-    the robot. A probe of a TCP port of this machine stays, and the stand-in answers it; so does a delay; any other one
-    becomes a delay, and of several the first port counts. No node is connected in the ROS graph. Measures against
-    pressure are off: they go by the machine, which is another one here."""
+    """The same robot with stand-ins. Its needs, conflicts, requests, idle policies, priorities and groups stay as they
+    are.
+
+    Containers get another image and names that start with `prefix`; they use no devices, files, networks or volumes of
+    the robot. Delays and probes of a TCP port on this machine stay, and the stand-in answers them. All other probes
+    become delays; of several probes, the first port counts. Nothing is connected in the ROS graph. Measures against
+    pressure are off, because they depend on the machine, which is a different one here."""
     services = {name: _stand_in(one, share, prefix) if one.spec else one for name, one in catalog.services.items()}
     policy = replace(catalog.policy, pressure=None)
     return replace(catalog, services=services, images=images, networks={}, volumes={}, policy=policy)
@@ -87,7 +89,7 @@ def _stand_in(service: Service, share: Share, prefix: str) -> Service:
 
 
 def _ready(probe: Probe | None) -> tuple[Probe | None, dict[str, str]]:
-    """The probe of the stand-in, and what tells the stand-in to answer it."""
+    """The probe of a stand-in, and the variables that make the stand-in answer it."""
     if probe is None or probe.kind == "delay":
         return probe, {}
     if probe.completed:

@@ -1,4 +1,4 @@
-"""A robot on a real engine, in a folder of its own, with a loop in this process. Nothing of it is left behind."""
+"""A robot on a real engine, in its own folder, with a loop in this process. It leaves nothing behind."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from rorg.daemon.wiring import loop_over
 from rorg.engines.make import make_engine
 from rorg.engines.protocol import Usage
 from rorg.errors import NotReady, RorgError
-from rorg.images.make import make_supplier
 from rorg.images.order import Builder, Order, Result
 from rorg.images.references import references_for
+from rorg.images.supply import Supplier
 from rorg.model.catalog import Catalog, Request
 from rorg.store.requests_file import RequestsFile
 from rorg.store.state_dir import StateDir, read_json
@@ -32,29 +32,29 @@ EMPTY: Mapping[str, Any] = {
     "plan": {"actions": [1], "waitings": []},
     "in_flight": {},
 }
-"""What there is to see before anything is published."""
+"""The status before the loop publishes one."""
 LOOK = 0.05
-"""Seconds between two looks at what is waited for."""
+"""Seconds between two looks while waiting."""
 
 
 class Told:
-    """Says of each image what became of it."""
+    """Reports the result of each image."""
 
     def __init__(self, say: Callable[[str], None], names: Mapping[str, str]) -> None:
         self.say, self.names = say, names
 
     def began(self, order: Order) -> None:
-        """What has ended is enough."""
+        """Only results are reported."""
 
     def step(self, order: Order, text: str) -> None:
-        """Likewise."""
+        """Only results are reported."""
 
     def ended(self, result: Result) -> None:
         self.say(f"{result.outcome:<8} {self.names.get(result.reference, result.reference)}")
 
 
 class ThrowawayRobot:
-    """Its folder, state directory, engine and loop. Whoever makes one calls clean_up(), or leave() to keep it."""
+    """A folder, state directory, engine and loop. End it with clean_up(), or with leave() to keep it."""
 
     def __init__(self, engine: str, prefix: str) -> None:
         self.folder = Path(tempfile.mkdtemp(prefix=prefix))
@@ -68,8 +68,8 @@ class ThrowawayRobot:
         self._new_images: list[str] = []
 
     def build(self, catalog: Catalog, say: Callable[[str], None]) -> None:
-        """Has the images that its services are made from. `say` gets a line for each. Raises NotReady."""
-        supplier = make_supplier(self.engine, self.state, self.engine.owner, os.cpu_count() or 1)
+        """Builds or pulls the images of its services. `say` receives a line for each. Raises NotReady."""
+        supplier = Supplier(self.engine, self.state, self.engine.owner, os.cpu_count() or 1)
         content = self.references.of(catalog)
         used = sorted({s.spec["image"] for s in catalog.services.values() if s.spec})
         self._builder = supplier.make_builder()
@@ -84,29 +84,28 @@ class ThrowawayRobot:
             raise NotReady("build the stand-in images", f"{failed[0].reference}: {failed[0].message}")
 
     def run(self, tree: Tree, say: Callable[[str], None], owner: str) -> Loop:
-        """Starts its loop, and returns it; `say` gets a line for each thing that happens. `owner`: the command that
-        this is."""
+        """Starts and returns the loop. `say` receives a line for every event; `owner`: the command that runs it."""
         self.state.acquire(owner)
         self.loop = loop_over(tree, self.state, self.engine, say)
         self._thread = threading.Thread(target=self.loop.run, daemon=True)
         self._thread.start()
         return self.loop
 
-    # -- what is, and what is asked for ------------------------------------------------------------------------
+    # -- status and requests -----------------------------------------------------------------------------------
 
     def view(self) -> Mapping[str, Any]:
-        """What the loop published last."""
+        """The status that the loop published last."""
         return read_json(self.state.status) or EMPTY
 
     def containers(self) -> tuple[Container, ...]:
-        """As the loop sees them."""
+        """Containers as the loop sees them."""
         return self.loop.observer.snapshot().containers if self.loop else ()
 
     def meanwhile(self) -> None:
-        """Called again and again while something is waited for."""
+        """Called repeatedly while waiting."""
 
     def wait(self, what: str, done: Callable[[Mapping[str, Any]], bool], seconds: float = 60.0) -> Mapping[str, Any]:
-        """Until the published state is so. Raises NotReady."""
+        """Waits for a published status. Raises NotReady."""
         deadline, waits = time.monotonic() + seconds, list[Mapping[str, Any]]()
         while time.monotonic() < deadline:
             view = self.view()
@@ -119,7 +118,7 @@ class ThrowawayRobot:
         raise NotReady(f"wait for {what}", f"it did not happen within {seconds:g} s{why}")
 
     def settle(self, what: str, seconds: float = 60.0) -> Mapping[str, Any]:
-        """Until all that was asked for runs, is ready, and nothing lingers."""
+        """Waits until everything that was requested runs and is ready, and nothing lingers."""
         return self.wait(
             what,
             lambda v: (
@@ -133,7 +132,7 @@ class ThrowawayRobot:
         return {n for n, s in self.view()["services"].items() if s["state"] == "running"}
 
     def request(self, id: str, requester: str, services: list[str]) -> None:
-        """Returns once it counts. Raises NotReady."""
+        """Makes a request, and waits until it takes effect. Raises NotReady."""
         run = self.view()["services"].get(requester, {}).get("incarnation") or None
         self.requests.change(lambda a: a.put(Request(id, requester, tuple(services), incarnation=run)))
         self.wait(
@@ -142,12 +141,12 @@ class ThrowawayRobot:
         )
 
     def release(self, id: str, requester: str) -> None:
-        """Likewise."""
+        """Releases a request, and waits until that takes effect. Raises NotReady."""
         self.requests.change(lambda a: a.without({(requester, id)}))
         self.wait("the release", lambda v: all(r["id"] != id for r in v.get("requests", [{"id": id}])))
 
     def usage(self) -> dict[str, Usage]:
-        """By service."""
+        """Use by service."""
         containers = self.containers()
         found = self.engine.usage(containers)
         return {c.service: found[c.id] for c in containers if c.id in found}
@@ -155,14 +154,15 @@ class ThrowawayRobot:
     # -- the end -----------------------------------------------------------------------------------------------
 
     def leave(self) -> None:
-        """Stops the loop; what runs goes on."""
+        """Stops the loop, but no containers."""
         if self.loop and self._thread:
             self.loop.stop()
             self._thread.join(60)
         self.state.release()
 
     def clean_up(self, say: Callable[[str], None]) -> None:
-        """Stops and removes all that it made. A second Ctrl-C does not leave half of it. `say` hears what is left."""
+        """Stops and removes everything. A second Ctrl-C does not interrupt that. `say` hears what could not be
+        removed."""
         before = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGINT, signal.SIGTERM)}
         try:
             self.leave()

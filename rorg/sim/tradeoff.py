@@ -1,4 +1,4 @@
-"""What variants of a robot cost: CPU, memory and waiting; and which of them none of the others beats."""
+"""What variants of a robot cost in CPU, memory and waiting, and which of them are efficient."""
 
 from __future__ import annotations
 
@@ -13,29 +13,29 @@ from rorg.sim.variants import Variant
 
 
 class Cost(NamedTuple):
-    """Of a run, each in the mean."""
+    """Means over a run."""
 
     cpu: float
     """Cores."""
     memory: float
     """Bytes."""
     waiting: float
-    """Seconds until what is requested is ready."""
+    """Seconds until a request is ready."""
 
 
 @dataclass(frozen=True, slots=True)
 class Tried:
-    """A variant with what became of it. Response times are of the requests of the trace that take any time with at
-    least one of the variants: that one is more to the point than the same of requests for what is always there."""
+    """A variant and its results. Only requests that take time with at least one variant count. Requests for services
+    that are always on would hide the differences."""
 
     variant: Variant
     result: RunResult
     waits: tuple[float, ...]
-    """Seconds, in order, of those that became ready."""
+    """Seconds, in order, of requests that became ready."""
     unready: int
-    """Requests that did not, before they were released."""
+    """Requests that were released before they were ready."""
     efficient: bool = False
-    """None of the others costs at most as much of everything, and less of something (Pareto)."""
+    """No other variant costs less of something and no more of anything (Pareto)."""
 
     @property
     def cost(self) -> Cost:
@@ -61,7 +61,7 @@ class Tried:
 
 
 def tried(variants: Sequence[Variant], results: Sequence[RunResult]) -> list[Tried]:
-    """In the order of the variants; the results are those of the same trace."""
+    """In the order of the variants. All results are of the same trace."""
     each = list(zip(*(result.responses for result in results), strict=True))
     counted = [index for index, responses in enumerate(each) if any(r.seconds != 0 for r in responses)]
     return _marked([_tried(v, r, [r.responses[i] for i in counted]) for v, r in zip(variants, results, strict=True)])

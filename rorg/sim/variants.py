@@ -1,5 +1,4 @@
-"""What else a robot could be told: another tree, another Policy, or other settings of idling for all services that are
-not always on."""
+"""Variants of a robot: another tree, another Policy, or other idle settings for all services that are not always on."""
 
 from __future__ import annotations
 
@@ -20,24 +19,24 @@ from rorg.model.catalog import Catalog, Service
 from rorg.model.diagnostics import nearest
 
 SETTINGS = {"linger": "linger", "idle": "action", "min_active": "min_active", "prewarm": "prewarm"}
-"""What can be set -> the field of `idle`."""
+"""Setting -> the field of `idle`."""
 MOST = 100
-"""Variants of a sweep."""
+"""Largest number of variants in a sweep."""
 
 
 @dataclass(frozen=True, slots=True)
 class Variant:
-    """A robot that a trace is tried on."""
+    """A robot on which a trace is tried."""
 
     name: str
     catalog: Catalog
     settings: Mapping[str, str] = field(default_factory=dict)
-    """As they were written; empty for a tree or a Policy."""
+    """The settings as written; empty for a tree or a Policy."""
 
 
 @dataclass(frozen=True, slots=True)
 class Tree:
-    """The manifests that others are variants of."""
+    """The manifests that the variants are based on."""
 
     root: Path
     catalog: Catalog
@@ -46,7 +45,7 @@ class Tree:
 
 
 def variant(text: str, tree: Tree) -> Variant:
-    """The variant of `[NAME=]WHAT`: a directory of manifests, the file of a Policy, or settings such as
+    """The variant for `[NAME=]WHAT`: a directory of manifests, the file of a Policy, or settings such as
     `linger=20s,idle=pause`. Raises Invalid."""
     first, equals, rest = text.partition("=")
     name, what = (first, rest) if equals and first not in SETTINGS and not Path(text).exists() else (text, text)
@@ -56,25 +55,25 @@ def variant(text: str, tree: Tree) -> Variant:
         return Variant(name, _with_policy(Path(what), tree))
     if "=" not in what:
         remedy = nearest(what, SETTINGS) or f"a directory, a Policy, or settings: {', '.join(SETTINGS)}"
-        raise Invalid(f"compare '{text}'", f"'{what}' is no file, and no setting has a value in it", remedy)
+        raise Invalid(f"compare '{text}'", f"'{what}' is neither a file nor a setting with a value", remedy)
     settings = _split(what, text)
     return Variant(name, with_settings(tree.catalog, settings), settings)
 
 
 def sweep(texts: Sequence[str], tree: Tree) -> list[Variant]:
-    """All combinations of `SETTING=VALUE,VALUE...`, the last setting changing fastest. Raises Invalid."""
+    """All combinations of `SETTING=VALUE,VALUE...`; the last setting changes fastest. Raises Invalid."""
     values = dict[str, list[str]]()
     for text in texts:
         key, equals, rest = text.partition("=")
         if key not in SETTINGS or not equals or not all(rest.split(",")):
-            why = f"it is no list of values of one of {', '.join(SETTINGS)}"
+            why = f"it is not a list of values for one of {', '.join(SETTINGS)}"
             raise Invalid(f"sweep over '{text}'", why, f"{key if key in SETTINGS else 'linger'}=VALUE,VALUE")
         if key in values:
-            raise Invalid(f"sweep over '{text}'", f"{key} is swept over twice", "all of its values in one list")
+            raise Invalid(f"sweep over '{text}'", f"{key} appears twice", "all of its values in one list")
         values[key] = rest.split(",")
     found = [dict(zip(values, each, strict=True)) for each in itertools.product(*values.values())]
     if len(found) > MOST:
-        raise Invalid("sweep over all that", f"these are {len(found)} variants", f"{MOST} at the most")
+        raise Invalid("sweep", f"that would be {len(found)} variants", f"at most {MOST}")
     return [Variant(_name(settings), with_settings(tree.catalog, settings), settings) for settings in found]
 
 
@@ -87,17 +86,17 @@ def _split(what: str, text: str) -> dict[str, str]:
     for part in what.split(","):
         key, equals, value = part.partition("=")
         if key in settings:
-            raise Invalid(f"compare '{text}'", f"{key} is set twice", "one of both")
+            raise Invalid(f"compare '{text}'", f"{key} is set twice", "one of the two")
         if key not in SETTINGS or not equals:
             remedy = nearest(key, SETTINGS) or f"one of {', '.join(SETTINGS)}"
-            raise Invalid(f"compare '{text}'", f"'{part}' is no setting", remedy)
+            raise Invalid(f"compare '{text}'", f"'{part}' is not a setting", remedy)
         settings[key] = value
     return settings
 
 
 def with_settings(catalog: Catalog, settings: Mapping[str, str]) -> Catalog:
-    """The robot with these settings of all services that are not always on. What moves hardware is prewarmed only where
-    it says so itself, as with a Policy. Raises Invalid."""
+    """The robot with these settings for all services that are not always on. As with a Policy, drivers are prewarmed
+    only if they say so themselves. Raises Invalid."""
     declared = {SETTINGS[key]: as_scalar(value) for key, value in settings.items()}
     document, _ = read_yaml(yaml_text(declared), "")
     assert document is not None
@@ -117,14 +116,14 @@ def with_settings(catalog: Catalog, settings: Mapping[str, str]) -> Catalog:
 
 
 def _with_policy(file: Path, tree: Tree) -> Catalog:
-    """The tree with the Policy of a file in place of its own. What services and profiles say themselves holds on."""
+    """The tree with another Policy. Settings of services and profiles still take precedence."""
     try:
         text = file.read_text()
     except (OSError, UnicodeDecodeError) as error:
         raise Invalid(f"read {file}", str(error), "the file of a Policy") from error
     document, _ = read_yaml(text, str(file))
     if document is not None and (not isinstance(document.value, dict) or document.value.get("kind") != "Policy"):
-        raise Invalid(f"compare '{file}'", "it is no Policy", "a directory of manifests, or the file of a Policy")
+        raise Invalid(f"compare '{file}'", "it is not a Policy", "a directory of manifests, or the file of a Policy")
     sources = load(tree.root, engine=tree.engine, robot=tree.robot).sources or {}
     edits: dict[Path, str | None] = {source.path: None for source in sources.get("Policy", {}).values()}
     edits[tree.root / "policies" / f"{file.stem}.yaml"] = text

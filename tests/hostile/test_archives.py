@@ -1,4 +1,4 @@
-"""`rorg image load` of any file: what is no archive of images is told, soon, and without its size in memory."""
+"""`rorg image load` refuses any file but an archive of images, soon, and without reading all of it into memory."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def test_what_is_no_archive_of_images_is_told(tmp_path, content):
     path.write_bytes(content)
     tracemalloc.start()
     try:
-        with path.open("rb") as file, pytest.raises(Invalid, match="it is no archive of images"):
+        with path.open("rb") as file, pytest.raises(Invalid, match="it is not an archive of images"):
             read_records(file, "robot.tar")
         assert tracemalloc.get_traced_memory()[1] < 4 * MOST
     finally:
@@ -83,7 +83,7 @@ def test_a_sparse_file_of_3_gib_costs_no_memory(tmp_path):
     os.truncate(path, (3 << 30) + 2048)
     tracemalloc.start()
     try:
-        with path.open("rb") as file, pytest.raises(Invalid, match="no file of at most"):
+        with path.open("rb") as file, pytest.raises(Invalid, match="not a file of at most"):
             read_records(file, "robot.tar")
         assert tracemalloc.get_traced_memory()[1] < MOST
     finally:
@@ -98,7 +98,7 @@ def test_what_was_saved_is_read():
 @pytest.mark.parametrize(
     ("make", "said"),
     [
-        (lambda path: path.write_bytes(ZEROS), "no archive of images"),
+        (lambda path: path.write_bytes(ZEROS), "not an archive of images"),
         (lambda path: path.write_bytes(member("else", b"x") + ZEROS), ""),
         (lambda path: path.write_bytes(member(content=b"{}") + ZEROS), ""),
         (os.mkfifo, "not a regular file"),

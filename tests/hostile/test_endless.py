@@ -24,7 +24,7 @@ from rorg.engines.make import make_engine
 from rorg.engines.process.log import PIECE, read_log, read_log_from
 from rorg.errors import EngineError
 from rorg.host.git import _git as ask_git
-from rorg.images.importing import import_stream
+from rorg.images.docker import import_stream
 from rorg.model.catalog import Image, Probe
 from rorg.probes.answer import YES
 from rorg.probes.ask import ask_host
@@ -227,7 +227,7 @@ def test_a_line_that_was_found_is_not_looked_for_again(running):
 
 
 def test_an_import_that_says_much_is_not_held_up(tmp_path, monkeypatch):
-    monkeypatch.setattr("rorg.images.importing.PATIENCE", 0.5)
+    monkeypatch.setattr("rorg.images.docker.PATIENCE", 0.5)
 
     def image(script: str) -> Image:
         return Image("x", None, "Dockerfile", {}, ("sh", "-c", script), str(tmp_path))

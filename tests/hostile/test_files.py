@@ -11,7 +11,7 @@ import pytest
 from robots import RealRobot, write_tree
 
 from rorg.host.git import revision
-from rorg.images.dockerfiles import dockerfile_of
+from rorg.images.docker import dockerfile_of
 from rorg.images.order import Order
 from rorg.manifest.files import MOST, read_text
 from rorg.manifest.load import load

@@ -14,13 +14,13 @@ from robots import write_tree
 from rorg.compose.load import load as load_project
 from rorg.errors import RorgError
 from rorg.images.context import context_files
-from rorg.images.dockerfiles import dockerfile_of
+from rorg.images.docker import dockerfile_of
 from rorg.images.order import Order
 from rorg.importing.compose import from_compose
 from rorg.importing.manifests import Imported
+from rorg.importing.manifests import write_tree as write_imported
 from rorg.importing.roslaunch import from_roslaunch
 from rorg.importing.systemd import from_systemd
-from rorg.importing.writing import write_tree as write_imported
 from rorg.manifest.documents import UNEXPECTED
 from rorg.manifest.files import Reader
 from rorg.manifest.load import load

@@ -1,9 +1,9 @@
-"""Which images of ours are kept, why, and what they take on the disk."""
+"""Which of rorg's images are kept, why, and how much disk space they take."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from rorg.images.order import LABEL_BUILDER, LABEL_IMAGE
@@ -13,47 +13,41 @@ from rorg.model.units import counted
 
 @dataclass(frozen=True, slots=True)
 class Kept:
-    """One image of ours on the engine's machine. Sizes are in bytes."""
+    """One of rorg's images on the engine's machine. Sizes are in bytes."""
 
     name: str
     """The Image of the tree that it was built from."""
     references: tuple[str, ...]
-    """All that the engine calls it."""
+    """All of its names on the engine."""
     id: str
     created: float
     """Seconds since the epoch."""
     size: int
     shared: int
-    """Of its size, what other images have too."""
+    """The part of its size that other images also use."""
     reasons: tuple[str, ...]
-    """Why it is kept: it is in force, a revision used it, so many containers are made from it. Empty: it may go."""
+    """Why it is kept: it is in force, a revision used it, containers use it. Empty: it may be removed."""
 
     @property
     def freed(self) -> int:
-        """Bytes that its removal frees for sure."""
+        """Bytes that its removal is certain to free."""
         return 0 if self.reasons else self.size - self.shared
 
     def as_json(self) -> dict[str, Any]:
-        return {
-            "name": self.name,
-            "references": list(self.references),
-            "id": self.id,
-            "created": self.created,
-            "size": self.size,
-            "shared": self.shared,
-            "kept_for": list(self.reasons),
-        }
+        fields = asdict(self)
+        reasons = fields.pop("reasons")
+        return {**fields, "references": list(self.references), "kept_for": list(reasons)}
 
 
-def ours(
+def own_images(
     rows: Iterable[Mapping[str, Any]],
     owner: str,
     in_force: Collection[str],
     revisions: Sequence[Collection[str]],
     keep: int,
 ) -> list[Kept]:
-    """Images that this instance built, by name and age, the newest first. `rows`: as the engine tells its disk use;
-    `in_force`: references that the tree declares; `revisions`: those of states of the manifests, the last first, of
+    """Images that this instance built, by name, newest first. `rows`: the engine's report of disk usage; `in_force`:
+    references that the tree declares; `revisions`: references of earlier states of the manifests, latest first, of
     which `keep` count."""
     found = []
     for row in rows:

@@ -1,4 +1,4 @@
-"""How one thread ends what another one is at."""
+"""Lets one thread end the work of another."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ from collections.abc import Callable, Iterator
 from rorg.errors import NotReady
 
 
-class Cancelling:
-    """Ends what is under way, and whatever is begun after that."""
+class Cancellation:
+    """Ends everything that is under way, and everything that starts afterwards."""
 
     def __init__(self) -> None:
         self._guard, self._called = threading.Lock(), False
         self._ends: list[Callable[[], object]] = []
 
     def cancel(self) -> None:
-        """From any thread, any number of times."""
+        """Cancels. Any thread may call it, any number of times."""
         with self._guard:
             self._called = True
             for end in self._ends:
-                with contextlib.suppress(OSError):  # it has ended by itself
+                with contextlib.suppress(OSError):  # it has ended already
                     end()
             self._ends.clear()
 
     @contextlib.contextmanager
     def by(self, end: Callable[[], object]) -> Iterator[None]:
-        """What ends the block, which fails then. Raises NotReady where it is over already."""
+        """Calls `end` on cancel, which makes the block fail. Raises NotReady if it was cancelled before."""
         with self._guard:
             if self._called:
                 end()
