@@ -1,16 +1,16 @@
 """The engines that rorg knows, and what each can do: the only place outside of engines/ that names one.
 
-Values only, so that commands, checks of manifests and the planner can ask without loading an engine.
+Values only, so that commands, checks of manifests and the planner can ask without loading an engine. A NamedTuple,
+because every command imports this and dataclasses would double the time that this takes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Capabilities:
+class Capabilities(NamedTuple):
     """What an engine can do. rorg reports what it cannot do, and uses the next best way if there is one."""
 
     server: bool = True
