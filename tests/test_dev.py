@@ -209,10 +209,10 @@ def test_several_at_once_each_ends_alone_or_all_together(robot, workspace):
     ]
     assert {row["workspace"] for row in listed} == {str(workspace)}
     taken = rorg(robot, workspace, "dev", "laser", "--yes", "--name", "another", code=5).stderr
-    assert "another is that of arm, not of laser; try --name NAME" in taken
+    assert "another belongs to arm, not to laser; try --name NAME" in taken
     if BEHIND_SUDO:
         other = rorg(robot, workspace, "dev", "arm", code=5, SUDO_UID="47009").stderr
-        assert f"arm-dev is that of user {UID}:{UID}, not of user 47009:{UID}; try --name NAME" in other
+        assert f"arm-dev belongs to user {UID}:{UID}, not to user 47009:{UID}; try --name NAME" in other
     rorg(robot, workspace, "dev", "arm", "--stop")
     assert names(robot, workspace) == ["another", f"{BASE_IMAGE}-dev"]
     told = rorg(robot, workspace, "dev", "--stop").stderr
@@ -239,7 +239,7 @@ def test_the_loop_and_down_leave_it_alone(docker_robot, commands, workspace):
     assert [c.name for c in docker_robot.containers()] == ["arm"]
     docker_robot.stop()
     assert rorg(docker_robot, workspace, "dev", "arm", "--", "sh", "-c", "echo $PWD").stdout == f"{workspace}\n"
-    assert "arm-dev to develop in: still there" in rorg(docker_robot, workspace, "down", "--yes").stderr
+    assert "dev containers remain: arm-dev" in rorg(docker_robot, workspace, "down", "--yes").stderr
     assert docker_robot.containers() == []
     assert inspect(docker_robot, "arm-dev")["State"]["Running"]
     rorg(docker_robot, workspace, "dev", "--stop")
@@ -307,7 +307,7 @@ def test_what_cannot_be_is_told_with_a_remedy_and_changes_nothing(robot, workspa
         (["arm", "--workspace", "/nosuch"], 2, "cannot work in /nosuch: there is no such directory; try"),
         (["arm", "--workspace", "/usr/"], 2, "cannot work in /usr: it would hide what the image has there; try"),
         (["arm", "--x11"], 2, "DISPLAY is not set"),
-        (["arm", "--stop", "--fresh"], 2, "cannot do all of that at once"),
+        (["arm", "--stop", "--fresh"], 2, "cannot combine these options"),
         (["arm", "--", ""], 2, "it has no name; try `rorg dev arm -- COMMAND`"),
         (["--fresh"], 2, "no service or image is named; try `rorg dev NAME`"),
         (["arm", "--fresh", "--gpu"], 4, "try an engine with that runtime, or leave gpus out"),

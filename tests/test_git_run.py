@@ -111,7 +111,7 @@ def test_where_nothing_is_here_yet_it_says_so_and_waits(robot):
     robot.start()
     wait_for(lambda: in_force(robot)["error"])
     found = robot.client().call("GET", "/v1/status")
-    assert "nothing of" in found["tree"]["errors"][0]["message"]
+    assert "nothing was fetched yet" in found["tree"]["errors"][0]["message"]
     robot.origin.push("A robot")
     os.kill(robot.process.pid, signal.SIGHUP)
     wait_for(lambda: "camera" in names(robot))
@@ -156,7 +156,7 @@ def test_only_what_is_committed_counts(tmp_path):
 @pytest.mark.parametrize(
     ("words", "why"),
     [
-        (["--git", "x@a..b"], "no name of a branch"),
+        (["--git", "x@a..b"], "is not a valid branch name"),
         (["--git", "x", "--path", "../y"], "not inside the repository"),
         (["--git", "x", "--committed"], "they exclude each other"),
         (["tree", "--git", "https://anna:pass@example.org/x"], r"https://\*\*\*@example.org/x and DIRECTORY"),

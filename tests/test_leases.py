@@ -264,7 +264,7 @@ def test_while_nothing_is_known_of_what_was_asked_nothing_is_changed(stepped):
     stepped.show(Container("c" * 64, "camera", "camera", "running", "2026-01-01T00:00:00Z"))
     stepped.step()
     decision = stepped.loop.decision
-    assert "try fixing it" in decision.situation.suspended
+    assert "the requests file has an error" in decision.situation.suspended
     assert decision.plan.actions
     assert not decision.begin
     stepped.file.path.write_text("requests: [{id: x, services: [camera]}]\n")

@@ -119,7 +119,7 @@ def test_a_node_that_answers_elsewhere_by_now_is_not_purged(docker_robot, ros_im
     before = read_state(master)
     docker_robot.kill("talker")
     docker_robot.wait(lambda: read_state(master).places.get("/talker") not in (None, before.places["/talker"]))
-    with pytest.raises(LookupError, match="at another place"):
+    with pytest.raises(LookupError, match="at another address"):
         unregister(master, "/talker", before)
     assert "/talker" in graph(master)
 
