@@ -343,10 +343,11 @@ def test_a_request_that_comes_byte_by_byte_is_hung_up_on(near, monkeypatch, begi
 
 def test_a_handshake_that_does_not_end_is_ended(near, monkeypatch):
     monkeypatch.setattr("rorg.api.listener.HANDSHAKE", 0.3)
-    left = near.server.left()
+    server = near.server
+    wait_for(lambda: server.left() == server.room, what="callers of the fixture to be gone")
     with connect(near.socket()):
-        wait_for(lambda: near.server.left() == left - 1)
-    wait_for(lambda: near.server.left() == left)
+        wait_for(lambda: server.left() == server.room - 1)
+    wait_for(lambda: server.left() == server.room)
 
 
 def test_who_does_not_read_is_hung_up_on(near, monkeypatch):
