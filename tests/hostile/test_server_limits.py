@@ -302,6 +302,11 @@ def test_what_speaks_no_tls_is_not_logged(robot):
     assert robot.log() - said < 5000, "a line of each would be more"
 
 
+def test_a_handshake_that_does_not_end_is_ended(robot):
+    with socket.create_connection(("127.0.0.1", robot.port), timeout=limits.HANDSHAKE + 20) as connection:
+        assert connection.recv(100) == b""
+
+
 def test_it_ends_at_once_whoever_calls(robot):
     """The last one: the others share this rorg."""
     silent = many(100, lambda: socket.create_connection(("127.0.0.1", robot.port)))
@@ -339,15 +344,6 @@ def test_a_request_that_comes_byte_by_byte_is_hung_up_on(near, monkeypatch, begi
         with pytest.raises(ConnectionError):
             wait_for(lambda: another(connection), 20)
     near.client().services()
-
-
-def test_a_handshake_that_does_not_end_is_ended(near, monkeypatch):
-    monkeypatch.setattr("rorg.api.listener.HANDSHAKE", 0.3)
-    server = near.server
-    wait_for(lambda: server.left() == server.room, what="callers of the fixture to be gone")
-    with connect(near.socket()):
-        wait_for(lambda: server.left() == server.room - 1)
-    wait_for(lambda: server.left() == server.room)
 
 
 def test_who_does_not_read_is_hung_up_on(near, monkeypatch):
