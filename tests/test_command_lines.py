@@ -271,4 +271,4 @@ def test_never_the_opposite_and_nothing_that_removes_without_saying_so():
     few = "adelnoprstuw"
     for word in (f"{a}{b}{c}" for a in few for b in few for c in few if f"{a}{b}{c}" not in COMMANDS):
         named = suggestion(word).partition("`rorg ")[2].partition("`")[0]
-        assert named == "--help" or " " in named or named in LOOKING or ", which is to " in suggestion(word), word
+        assert named == "--help" or " " in named or named in LOOKING or "` (" in suggestion(word), word

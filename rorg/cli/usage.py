@@ -53,7 +53,7 @@ def suggestion(word: str) -> str:
     safe = [n for n in near if n in LOOKING] or ([] if near else _alike(word))
     if safe:
         return f"`rorg {safe[0]}`"
-    return f"`rorg {near[0]}`, which is to {_purpose(near[0])}" if len(near) == 1 else HELP
+    return f"`rorg {near[0]}` ({_purpose(near[0])})" if len(near) == 1 else HELP
 
 
 def _alike(word: str) -> list[str]:
@@ -94,8 +94,9 @@ def unknown_option(name: str, option: str, declared: Sequence[Parameter]) -> Inv
     """The error for an unknown option."""
     import difflib
 
-    known = [n for p in declared if isinstance(p.declared, Option) for n in p.declared.names]
-    close = difflib.get_close_matches(option, known, n=1, cutoff=0.6)
+    known = ["--help", *(n for p in declared if isinstance(p.declared, Option) for n in p.declared.names)]
+    close = [n for n in known if len(option) > 3 and n.startswith(option)]
+    close += difflib.get_close_matches(option, known, n=1, cutoff=0.7)
     runs = any(p.name == "command" for p in declared)
     own = f"`rorg {name} SERVICE -- COMMAND` if it belongs to the command" if runs else ""
     return misread(name, f"unknown option {option}", close[0] if close else own)
