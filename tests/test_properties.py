@@ -430,7 +430,10 @@ class World:
 def at_rest(robot: SimRobot, world: World) -> None:
     situation, catalog = robot.decision.situation, robot.desired.catalog
     bad = {n for n, d in robot.desired.digests.items() if d in robot.faults.bad}
-    well = {c.service for c in robot.engine.list() if c.digest not in robot.faults.bad}
+    there = {one.id for one in robot.engine.objects.values()}
+    # Nobody can go back to a container whose network somebody has taken away.
+    able = [c for c in robot.engine.list() if {*c.networks.values()} <= there]
+    well = {c.service for c in able if c.digest not in robot.faults.bad}
     failed = {n for n in robot.desired.digests if robot.memory.of(n).update.failed}
     loops = closure_of(catalog, (bad | failed) - well)  # nothing of it ran well, so it is tried again, for ever
     late = [call for call in robot.engine.calls if call[0] > robot.now - QUIET and call[2] not in loops]
