@@ -118,7 +118,7 @@ def test_a_service_waits_for_a_master_that_is_not_there_and_then_starts_by_itsel
     assert [w["code"] for w in docker_robot.status()["plan"]["waitings"]] == [PARAMETERS]
     docker_robot.request("roscore", id="roscore")
     docker_robot.wait(lambda: healthy(docker_robot, "talker"))
-    assert said(docker_robot) == ["freight"]
+    docker_robot.wait(lambda: said(docker_robot) == ["freight"])
 
 
 def test_parameters_are_simulated_too(tmp_path):
