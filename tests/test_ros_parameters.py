@@ -65,7 +65,7 @@ def test_parameters_are_there_before_each_start_and_after_each_restart_of_the_ma
     docker_robot.declare(tree)
     docker_robot.request("talker")
     docker_robot.wait(lambda: healthy(docker_robot, "talker"))
-    assert said(docker_robot) == ["freight"]
+    docker_robot.wait(lambda: said(docker_robot) == ["freight"])
     for name, value in VALUES.items():
         assert parameter(master, name) == (URDF if name == "/robot_description" else value)
 
@@ -73,7 +73,7 @@ def test_parameters_are_there_before_each_start_and_after_each_restart_of_the_ma
     docker_robot.kill("roscore")
     docker_robot.wait(lambda: docker_robot.container("talker").incarnation != first, 120)
     docker_robot.wait(lambda: healthy(docker_robot, "talker"))
-    assert said(docker_robot) == ["freight", "freight"], "there when it started again"
+    docker_robot.wait(lambda: said(docker_robot) == ["freight", "freight"])
     assert parameter(master, "/move_base/max_vel") == 0.5
 
 
