@@ -138,7 +138,8 @@ def inline_lines() -> list[tuple[str, list[str]]]:
 def refused(words: list[str]) -> str:
     """Why rorg does not take a line; empty for one that it takes. Nothing is done."""
     if len(words) < 2 or words[1] not in (*COMMANDS, *ALIASES):
-        return "" if words[1:] in (["--help"], ["--version"]) else "no such command"
+        own = words[1:] in (["--help"], ["--version"], ["version"]) or words[1:2] == ["help"]
+        return "" if own else "no such command"
     if "--help" in words:
         return ""
     try:
