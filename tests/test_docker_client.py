@@ -83,8 +83,10 @@ def test_what_the_engine_refuses_has_a_kind(engine):
 def test_an_engine_that_is_not_there_is_unreachable(tmp_path):
     with pytest.raises(Unreachable, match="its socket is missing"):
         DockerEngine("me", f"unix://{tmp_path}/none.sock").ping()
-    with pytest.raises(EngineError, match="ssh is not supported"):
-        DockerEngine("me", "ssh://robot").ping()
+    with pytest.raises(
+        EngineError, match=r"ssh is not supported; try rorg on that machine, or DOCKER_HOST=tcp://robot:2376"
+    ):
+        DockerEngine("me", "ssh://me@robot:22").ping()
 
 
 def test_a_connection_that_the_engine_has_closed_meanwhile_is_no_failure(dockerd):

@@ -53,7 +53,9 @@ def connect(host: str, timeout: float, both_ways: bool = False) -> http.client.H
     if scheme in ("unix", "http+unix"):
         return _Unix(rest, timeout)
     if scheme not in ("", "tcp", "http", "https"):
-        remedy = f"`ssh -nNT -L /tmp/engine.sock:/var/run/docker.sock {rest}` and DOCKER_HOST=unix:///tmp/engine.sock"
+        # Not a forwarded unix socket: rorg would take that engine for this machine's, and its pids and ports too.
+        there = urlsplit(f"//{rest}").hostname or "HOST"
+        remedy = f"rorg on that machine, or DOCKER_HOST=tcp://{there}:2376 with DOCKER_TLS_VERIFY=1"
         raise EngineError("reach the engine", f"{host}: {scheme} is not supported", remedy if scheme == "ssh" else "")
     where, verified = urlsplit(f"//{rest}"), bool(os.environ.get("DOCKER_TLS_VERIFY"))
     name = where.hostname or "localhost"
