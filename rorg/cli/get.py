@@ -17,7 +17,8 @@ from rorg.cli.options import (
     Output,
     StateDirectory,
 )
-from rorg.cli.output import missing, note
+from rorg.cli.output import missing
+from rorg.cli.selection import select
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -75,7 +76,6 @@ def command(
 
     Example: rorg get --group driving --sort-by restarts
     """
-    import time
     from pathlib import Path
 
     from rorg.cli.context import Context
@@ -212,8 +212,6 @@ def _requests(context: Context, names: Sequence[str]) -> Found:
 
 def _named(kind: str, names: Sequence[str], known: Sequence[Any], key: str) -> list[Any]:
     """The entries with these names, all of them without names. Raises Invalid for an unknown name."""
-    from rorg.cli.output import missing
-
     there = {entry[key] for entry in known}
     for name in names:
         if name not in there:
@@ -245,40 +243,6 @@ BELOW = ("why", "message", "reason", "services", "description", "from", "context
 
 
 UNITS = ((86400, "d"), (3600, "h"), (60, "m"), (1, "s"))
-
-
-def select(
-    context: Context, names: Sequence[str], labels: str, group: str, kinds: Iterable[str]
-) -> list[dict[str, Any]]:
-    """The services of a view with these names and groups, in this group, with these labels. `kinds`: other words that a
-    name may have been meant as. Raises Invalid for an unknown name."""
-    view = context.view()
-    if view.get("pid") is None:
-        note(f"no rorg runs on {context.state.path}: this is the state of the engine, and nothing manages it")
-    known = view["services"]
-    wanted = {m for name in names for m in _members(context, "service", name, known, kinds)}
-    inside = _members(context, "group", group, known, ()) if group else known.keys()
-    context.notices.of_standing(view)
-    return [
-        service
-        for name, service in known.items()
-        if name in inside and (name in wanted if names else service["state"] != "meta") and _labelled(service, labels)
-    ]
-
-
-def _members(context: Context, what: str, name: str, known: dict[str, Any], kinds: Iterable[str]) -> set[str]:
-    """The services that a name stands for. Raises Invalid for an unknown name; `what` it was taken for."""
-    found = {name} if name in known else {*context.members(name)} & known.keys()
-    if not found:
-        raise missing(what, name, {*known, *kinds} if what == "service" else {g["name"] for g in context.groups()})
-    return found
-
-
-def _labelled(service: dict[str, Any], selector: str) -> bool:
-    """Whether a service has all labels of "key=value,key"."""
-    labels = service.get("labels") or {}
-    terms = (term.strip().partition("=") for term in selector.split(",") if term.strip())
-    return all(key in labels and (not equals or labels[key] == value) for key, equals, value in terms)
 
 
 def service_rows(services: Iterable[dict[str, Any]]) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
-from rorg.core.masking import marked, secrets_of
+from rorg.core.masking import secrets_of
 from rorg.core.observed import (
     LABEL_DECLARED,
     LABEL_DEVICES,
@@ -24,6 +24,7 @@ from rorg.core.observed import (
     LABEL_SPEC,
     Container,
 )
+from rorg.core.secret_marks import marked
 from rorg.model.catalog import Probe, Spec
 
 VERSION = "v1"

@@ -6,7 +6,6 @@ declare secret.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import re
 import shlex
@@ -29,10 +28,8 @@ _WORD = re.compile(
 )
 """Words that programs read in rorg's answers. Masking them would break clients, so they are shown even if a secret has
 the same value."""
-_MARK = re.compile(r"\*{3}\(([0-9a-f]{12})\)")
+MARK = re.compile(r"\*{3}\(([0-9a-f]{12})\)")
 """A secret in a container's label: equal secrets have equal marks, and the value cannot be recovered."""
-READ_BACK = ("image", "container_name", "volumes", "stop_signal", "stop_grace_period")
-"""Options that rorg reads back from a container's label, so they are stored unmasked."""
 _VALUE = r"(?:\"[^\"]*\"|'[^']*'|[^\s'\"]\S*)"
 _SHORT = {
     re.compile(rf"(?:^|(?<=[\s/]))(?:{programs})(?=\s)"): (option, re.compile(rf"(?<=\s){option}"))
@@ -68,7 +65,7 @@ def masked(field: str, value: Any) -> Any:
 
 
 def _text(text: str) -> str:
-    text = _MARK.sub(MASK, text)
+    text = MARK.sub(MASK, text)
     for pattern, put in _RULES:
         text = pattern.sub(put, text)
     for program, (_, option) in _SHORT.items():
@@ -273,46 +270,3 @@ def _said(catalog: Catalog, managed: Collection[str]) -> Iterable[str]:
         yield from (service.where.file, service.container_name, str((service.spec or {}).get("image", "")))
     for image in catalog.images.values():
         yield from (image.where.file, image.context or "", image.reference, *image.bases)
-
-
-# -- in the record of a container ------------------------------------------------------------------------------
-
-
-def marked(option: str, value: Any, values: Iterable[str]) -> Any:
-    """Return an option for a container's label, with secrets replaced by marks."""
-    marks = [(v, f"{MASK}({_hash(v)})") for v in sorted(values, key=len, reverse=True) if len(v) >= SHORTEST_SECRET]
-    return _marked(value, marks) if marks and option not in READ_BACK else value
-
-
-def _marked(value: Any, marks: list[tuple[str, str]]) -> Any:
-    if isinstance(value, str):
-        for secret, mark in marks:
-            value = value.replace(secret, mark)
-        return value
-    if isinstance(value, dict):
-        return {key: _marked(item, marks) for key, item in value.items()}
-    return [_marked(item, marks) for item in value] if isinstance(value, list) else value
-
-
-def same(a: Any, b: Any) -> bool:
-    """Return whether two options are equal, comparing marks with the plain text they stand for. So declaring a value
-    secret, or no longer secret, replaces no container."""
-    if isinstance(a, str) and isinstance(b, str):
-        return a == b or _stands_for(a, b) or _stands_for(b, a)
-    if isinstance(a, dict) and isinstance(b, dict):
-        return a.keys() == b.keys() and all(same(a[key], b[key]) for key in a)
-    if isinstance(a, list) and isinstance(b, list):
-        return len(a) == len(b) and all(map(same, a, b))
-    return bool(a == b)
-
-
-def _stands_for(with_marks: str, plain: str) -> bool:
-    prefix, *rest = _MARK.split(with_marks)
-    if len(rest) != 2 or len(plain) < len(prefix) + len(rest[1]):
-        return False
-    secret = plain.removeprefix(prefix).removesuffix(rest[1])
-    return plain == prefix + secret + rest[1] and _hash(secret) == rest[0]
-
-
-def _hash(value: str) -> str:
-    return hashlib.sha256(value.encode()).hexdigest()[:12]
