@@ -1,4 +1,4 @@
-"""Masking of secrets, the only place that decides what may be shown and recorded.
+"""Masking of secrets, the only place that decides what people and services may see and what the journal records.
 
 Two rules: masked() goes by the name and form of a declared value, and a Masker replaces the values that manifests
 declare secret.
