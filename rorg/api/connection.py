@@ -63,7 +63,7 @@ class Connection(HttpToolsProtocol):
             super().connection_lost(error)
         self.account.idle.pop(self, None)
 
-    # -- what is said ------------------------------------------------------------------------------------------
+    # -- answers ---------------------------------------------------------------------------------------------
 
     def data_received(self, data: bytes) -> None:
         began = CPU()

@@ -24,7 +24,7 @@ class Current:
 
     @property
     def catalog(self) -> Catalog:
-        """What is declared, including what is withheld."""
+        """The declared services, including withheld ones."""
         return self.decision.situation.desired.catalog
 
     def members(self, name: str) -> tuple[str, ...]:

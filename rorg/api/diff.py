@@ -33,9 +33,9 @@ def add_diffing(app: FastAPI, operations: Operations) -> None:
 
     @app.get("/v1/diff", dependencies=[needs("plan")], response_model=Differences)
     async def diff(unified: bool = False, rev: str = "") -> Response:
-        """What rorg would do, and why. It first looks at the tree and the engine again, so that earlier changes and
-        drift count. `unified`: with a unified diff of each container that changes. `rev`: the plan if the manifests of
-        this revision, commit, tag or branch were in force; nothing of it is done."""
+        """The actions that rorg would take, and why. It first looks at the tree and the engine again, so that earlier
+        changes and drift count. `unified`: with a unified diff of each container that changes. `rev`: the plan if
+        the manifests of this revision, commit, tag or branch were in force; nothing of it is done."""
         await _look(operations)
         if rev:
             async with reading:

@@ -27,7 +27,7 @@ class RevisionView(BaseModel):
 
 
 class MadeView(BaseModel):
-    """What a container of a service is made from."""
+    """The image, files and options that a service's container is made from."""
 
     digest: str = Field(description="Of the rendered options.")
     declared: str = Field(description="The rendered options, as JSON; possible secrets are masked.")
@@ -39,7 +39,7 @@ class MadeView(BaseModel):
 class RevisionDetail(RevisionView):
     """Everything about a revision."""
 
-    plan: str = Field(description="What rorg had to do for it, as text.")
+    plan: str = Field(description="The actions that rorg took for it, as text.")
     services: dict[str, MadeView]
 
 
@@ -109,7 +109,7 @@ class Asking(BaseModel):
 
 
 class Requested(BaseModel):
-    """What a robot was asked for."""
+    """The requests that a robot received."""
 
     begin: str = Field(description="ISO 8601, UTC: not before the first record.")
     end: str

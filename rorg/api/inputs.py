@@ -77,7 +77,7 @@ class Body(BaseModel):
 
 
 class PutRequest(Body):
-    """What is requested."""
+    """The requested services."""
 
     services: Annotated[list[ServiceName], Field(min_length=1, max_length=300)]
     reason: Short = ""

@@ -49,7 +49,7 @@ MOST_REVISIONS = 1000
 """Revisions in one answer."""
 SHARE = 0.2
 """CPU seconds per second that a service's calls may cost; after that, 429 and Retry-After. People have no such limit:
-whoever can stop rorg has no need to flood it."""
+a person who can stop rorg has no need to flood it."""
 BURST = 4.0
 """CPU seconds that a service may save up: 600 changes in a burst, then 30 a second; 10,000 looks at a service, then 500
 a second. A behaviour that requests and releases hundreds of times in a row never waits."""

@@ -35,7 +35,7 @@ class Listener:
     ) -> None:
         self.place, self.protocol, self.left, self.account, self.context = place, protocol, left, account, context
         self.greeted: dict[socket.socket, asyncio.Task[None]] = {}
-        """Connections that have no caller yet: with TLS, nobody is known before the handshake ends. Oldest first."""
+        """Connections without a caller yet: with TLS, it is unknown until the handshake ends. Oldest first."""
         self._loop = asyncio.get_running_loop()
         self._pause: asyncio.TimerHandle | None = None
         place.setblocking(False)

@@ -130,7 +130,7 @@ class ImageEdge(BaseModel):
 
 
 class ImageGraph(BaseModel):
-    """What the images of the tree are built on."""
+    """The base images of the tree's images."""
 
     images: list[str]
     external: list[str] = Field(description="Images below them that the tree does not declare.")
@@ -144,7 +144,7 @@ class ImageView(BaseModel):
     name: str
     context: str | None = Field(description="Absolute directory of the build; null if nothing is built.")
     dockerfile: str
-    bases: list[str] = Field(description="What it is built on: images of the tree, and external ones.")
+    bases: list[str] = Field(description="Its base images: images of the tree, and external ones.")
     services: list[str] = Field(description="Those that are made from it.")
 
 
@@ -190,7 +190,7 @@ class Why(BaseModel):
     requests: list[RequestView] = Field(description="Those that name it, or a group of it.")
     needed_by: list[str] = Field(description="Services whose manifests need it.")
     waits: list[str] = Field(description="Why rorg does not act on it now.")
-    cautions: list[str] = Field(description="What pausing it does to others, and which ROS nodes another one has.")
+    cautions: list[str] = Field(description="Effects of pausing it on others, and ROS nodes that others have too.")
 
 
 class ProcessView(BaseModel):
@@ -239,7 +239,7 @@ class ManifestView(BaseModel):
 
 
 class Differences(BaseModel):
-    """What rorg would do, and why."""
+    """The actions that rorg would take, and why."""
 
     root: str = Field(description="The tree that rorg follows.")
     robot: str = Field(description="The robot whose overlay counts; empty for the base alone.")

@@ -113,7 +113,7 @@ class Operations:
         return Current(self.decision, self.statuses(), self._loop.clock())
 
     def snapshot(self) -> dict[str, Any]:
-        """Everything at once, as StatusView."""
+        """The whole state in one answer, as StatusView."""
         return snapshot(self.decision, {**self._loop.publisher.about, **self.about_tree()})
 
     def about_tree(self) -> dict[str, Any]:

@@ -62,7 +62,7 @@ def add_reading(app: FastAPI, operations: Operations) -> None:
 
     @app.get("/v1/graph/images", dependencies=read, response_model=ImageGraph)
     async def image_graph() -> Response:
-        """What images are built on."""
+        """The base images of each image."""
         return text(views.image_graph(operations.catalog))
 
     @app.get("/v1/requests", dependencies=read, response_model=list[RequestView])
@@ -76,7 +76,7 @@ def add_reading(app: FastAPI, operations: Operations) -> None:
 def _add_status(app: FastAPI, operations: Operations) -> None:
     @app.get("/v1/status", dependencies=[needs("plan")], response_model=StatusView)
     async def status(settled: Seconds = 0.0) -> Response:
-        """Everything at once: the tree, the engine, requests, pressure, the plan, all services."""
+        """The whole state in one answer: the tree, the engine, requests, pressure, the plan, all services."""
         await until(operations, lambda: operations.at_rest or operations.ending, settled)
         return text(operations.snapshot())
 
@@ -87,7 +87,7 @@ def _add_status(app: FastAPI, operations: Operations) -> None:
 
     @app.get("/v1/plan", dependencies=[needs("plan")], response_model=PlanView)
     async def plan() -> Response:
-        """What rorg would do, and what waits for what."""
+        """The actions that rorg would take, and which of them wait for others."""
         return text(operations.decision.plan.as_json())
 
 

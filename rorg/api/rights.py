@@ -18,7 +18,7 @@ FREE = frozenset(
         *("mem_reservation", "working_dir"),
     }
 )
-"""Options that reach nothing outside the container, whatever their value."""
+"""Options that reach nothing outside the container with any value."""
 UNLIMITED = (None, -1, 0)
 Within = Callable[[Any, Any], bool]
 """Whether the first value of an option gives no more rights than the second."""
@@ -110,7 +110,7 @@ def _volumes(mine: Any, theirs: Any) -> bool:
 
 
 def _mounts(volumes: Any) -> Iterator[Volume]:
-    """What is mounted from outside; a volume without a name is the container's own."""
+    """Mounts from outside; a volume without a name is the container's own."""
     for volume in volumes or ():
         if not isinstance(volume, str):
             whole = {k: v for k, v in volume.items() if k not in ("target", "read_only")}

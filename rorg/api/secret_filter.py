@@ -143,7 +143,7 @@ _OURS = frozenset(
 
 
 def shown_to_service(value: Any, masker: Masker) -> Any:
-    """JSON for a service. What is about a service has that service's secrets masked; the reasons that services give for
+    """JSON for a service. Parts about a service have that service's secrets masked; the reasons that services give for
     requests are shown as they are."""
     if isinstance(value, list):
         return [shown_to_service(item, masker) for item in value]

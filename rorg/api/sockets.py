@@ -101,7 +101,7 @@ class ServiceSockets:
             caller = Caller("service", service=name)
             try:
                 self.prepare([name])
-                # The mount is the permission, whatever user a program runs as in its container.
+                # The mount is the permission; a program may run as any user in its container.
                 listener = listen(self.directory, self.directory / "services" / name / NAME, 0o666, self.group)
                 self.served[name] = self.listening(listener, lambda *_, caller=caller: caller, name)
             except OSError as error:

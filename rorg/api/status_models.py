@@ -90,7 +90,7 @@ class WaitingView(BaseModel):
 
 
 class PlanView(BaseModel):
-    """What rorg would do, and what waits."""
+    """The actions that rorg would take, and the ones that wait."""
 
     actions: list[ActionView]
     waitings: list[WaitingView]
@@ -121,7 +121,7 @@ class RunView(BaseModel):
     needs: dict[str, str] = Field(description="Needed service -> the run of it that it relies on.")
     stopped: str = Field(description="The last run that rorg ended.")
     stopped_before: list[str] | None = Field(default=None, description="Earlier ones, of other kept containers.")
-    edition: str | None = Field(default=None, description="What was declared when its container was put into use.")
+    edition: str | None = Field(default=None, description="The declaration by which its container was put into use.")
     quarantined: dict[str, str] | None = Field(
         default=None, description="Editions that did not become ready or stay well, and why."
     )
@@ -152,7 +152,7 @@ class ObjectView(BaseModel):
 
 
 class StatusView(BaseModel):
-    """Everything at once."""
+    """The whole state in one answer."""
 
     pid: int | None = Field(description="Of the running rorg.")
     engine_name: str

@@ -153,7 +153,7 @@ def _names(field: str, names: Iterable[str], allowed: set[str], manager: Service
 
 
 def _grant(name: str, path: Path, profiles: list[str], root: Path, robot: str) -> Service:
-    """What these profiles give to a service whose manifest says nothing else."""
+    """The options that these profiles give to a service that declares nothing else."""
     said = {"image": "none", "profile": profiles}
     text = json.dumps({"apiVersion": API_VERSION, "kind": "Service", "metadata": {"name": name}, "spec": said})
     found = load(root, {path: text}, robot=robot).read

@@ -63,7 +63,7 @@ def _why(current: Current, name: str) -> dict[str, Any]:
 
 
 def _probing(status: Status) -> Iterator[str]:
-    """What its probe does not find; of several parts, those that fail."""
+    """The part of its probe that fails."""
     ready = status.condition("Ready")
     if status.wanted and ready.reason in ("Probing", "Late") and ready.message:
         yield f"not ready: {ready.message}"
@@ -92,7 +92,7 @@ def graph(catalog: Catalog, live: Iterable[Request] = ()) -> dict[str, Any]:
 
 
 def image_graph(catalog: Catalog) -> dict[str, Any]:
-    """What the images of the tree are built on, and which services are made from them."""
+    """The base images of the tree's images, and the services made from them."""
     below, made = stands_on(catalog.images), made_from(catalog)
     edges = sorted({(name, base) for name, bases in below.items() for base in bases})
     external = {base for _, base in edges} - set(below)

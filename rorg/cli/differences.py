@@ -1,4 +1,4 @@
-"""What rorg would do: asked of the running rorg, or computed here if none answers or it follows another tree."""
+"""The actions that rorg would take: asked of the running rorg, or computed here if none answers for this tree."""
 
 from __future__ import annotations
 
@@ -56,8 +56,8 @@ class Differences(NamedTuple):
 
 
 def differences(context: Context, unified: bool = False, rev: str = "") -> Differences:
-    """What rorg would do for what the tree declares, or declared at `rev` of its repository's history. Raises Invalid
-    if the tree has errors, and Unreachable."""
+    """The actions that rorg would take for the tree as it is, or as it was at `rev` of its repository's history. Raises
+    Invalid if the tree has errors, and Unreachable."""
     found = _told(context, unified, rev)
     if found is None:
         return _computed(context, unified, rev)

@@ -67,7 +67,7 @@ def _facts(context: Context) -> Installation:
 
 
 def _engine(context: Context) -> tuple[dict[str, Any], list[Path]]:
-    """What is known of the engine, and where it keeps its images."""
+    """Known facts about the engine, and where it keeps its images."""
     from rorg.model.engines import capabilities_of
 
     if not capabilities_of(context.engine_name).server:

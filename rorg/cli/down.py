@@ -23,7 +23,7 @@ def command(
     engine: EngineName = None,
 ) -> None:
     """Stop and remove all services of this robot, in order, then its networks, and forget it. Manifests stay, and so
-    do volumes, unless they are to go too. What rorg did not make is never removed.
+    do volumes, unless they are to go too. rorg never removes anything that it did not make.
 
     Example: rorg down --yes
     """
@@ -171,7 +171,7 @@ def _ours(context: Context) -> list[dict[str, Any]]:
 
 
 def _left(decision: Decision | None) -> str:
-    """What is still there, with the reason if known."""
+    """The containers that are still there, with the reason if known."""
     if decision is None:
         return ""
     waits = {w.service: w.reason for w in decision.plan.waitings}

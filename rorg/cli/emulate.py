@@ -163,7 +163,7 @@ def _compared(experiment: Experiment, run: EmulatedRun) -> Compared:
 
 
 def _check_files(save: Path | None, plot: Path | None) -> None:
-    """Raises Invalid for files that cannot be written. What they contain stays until there is something new."""
+    """Raises Invalid for files that cannot be written. Their content stays until there is something new."""
     if save:
         _save(save, "", "a")
     if plot:

@@ -49,7 +49,7 @@ def help_of(name: str) -> str:
 
 
 def usage(argument: Parameter) -> str:
-    """An argument as it stands in the line of its command."""
+    """An argument as written in the usage line of its command."""
     text = argument.name.upper() + ("..." if argument.many else "")
     return f"-- {text}" if argument.rest else text if argument.required else f"[{text}]"
 

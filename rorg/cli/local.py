@@ -35,7 +35,7 @@ from rorg.store.state_dir import StateDir
 
 
 class Place(Protocol):
-    """What is looked at: a Context."""
+    """The robot to look at: a Context."""
 
     state: StateDir
 

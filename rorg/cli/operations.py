@@ -65,7 +65,7 @@ class Served:
         return self.client.why(name)
 
     def check_wait(self, what: str) -> None:
-        """Raises Unreachable if no rorg runs that could start what is to be waited for; here one does."""
+        """Raises Unreachable if no rorg runs that could start the service to wait for; here one runs."""
 
     def wait(self, names: list[str], timeout: float) -> None:
         """Returns when these services and all that they need are ready, `timeout` in seconds."""

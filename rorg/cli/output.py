@@ -31,7 +31,7 @@ def nobody_reads() -> NoReturn:
 
 
 def end_with_reader() -> None:
-    """From now on the process exits as soon as nobody reads its output, even if it prints nothing."""
+    """From now on the process exits as soon as its output is closed, even if it prints nothing."""
     import select
     import threading
 

@@ -136,14 +136,14 @@ ALSO = ("peak_memory", "requests", "unready")
 
 @dataclass(frozen=True)
 class Trial:
-    """What variants are simulated with."""
+    """The inputs that all variants are simulated with."""
 
     tree: Tree
     trace: Trace
     workload: Workload
     seed: int
     learned: Learned
-    """What is known of requests at the begin, for services that are prewarmed."""
+    """The usual times of requests as known at the beginning, for services that are prewarmed."""
 
     def compare(self, texts: Sequence[str]) -> list[Tried]:
         """Everything on, the tree as declared, and these variants. Raises Invalid."""

@@ -13,7 +13,7 @@ def command(
     output: Output = "table",
     state_dir: StateDirectory = None,
 ) -> None:
-    """Change nothing for a time, whatever is requested. rorg still shows what it would do.
+    """Change nothing for a time, even if services are requested. rorg still shows what it would do.
 
     Example: rorg suspend --for 1h --reason maintenance
     """

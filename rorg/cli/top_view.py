@@ -46,7 +46,7 @@ class Deed(NamedTuple):
 
 @dataclass(frozen=True)
 class View:
-    """What a person has chosen to see."""
+    """The selection and order that a person has chosen."""
 
     sort: str = "cpu"
     filter: str = ""
@@ -55,7 +55,7 @@ class View:
     selected: str = ""
     question: str = ""
     asked: Deed | None = None
-    """What to do if the question is answered with y."""
+    """The action to take if the answer is y."""
     message: str = ""
     help: bool = False
 

@@ -63,7 +63,7 @@ def _alike(word: str) -> list[str]:
 
 
 def _purpose(name: str) -> str:
-    """What a command does, from the begin of its help."""
+    """The purpose of a command: the first sentence of its help."""
     text = (command_of(name).__doc__ or "").strip()
     first = re.split(r"[.;:,](?:\s|$)", text, maxsplit=1)[0]
     return first[:1].lower() + first[1:]

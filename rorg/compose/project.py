@@ -67,7 +67,7 @@ class Project:
     directory: Path
     """Absolute base of relative paths in the first file."""
     services: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    """All services, whatever their profiles."""
+    """All services of all profiles."""
     networks: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     volumes: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     configs: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)

@@ -1,7 +1,8 @@
 """Writes a robot as a Compose file, without its requests: services with all options of their containers, how their
 images are built, and the networks and volumes that they name.
 
-What a Compose file cannot say becomes a Note, which `rorg export compose` writes into the file as a comment.
+An option that a Compose file cannot express becomes a Note, which `rorg export compose` writes into the file as a
+comment.
 """
 
 from __future__ import annotations

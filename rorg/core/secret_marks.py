@@ -1,8 +1,8 @@
 """Secrets in the labels of a container: a label tells two values apart and holds neither.
 
 A secret is written as `***(HASH)`. Equal secrets have equal marks, so rorg can still compare a container with what is
-declared, and declaring a value secret replaces no container. The hash hides a long secret only: whoever may read the
-labels of the engine can find a short one by trying all. masking.py decides what people see.
+declared, and declaring a value secret replaces no container. The hash hides a long secret only: a person who may read
+the labels of the engine can find a short one by trying all. masking.py decides what people see.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ class MissingImage:
     """An image that is not on this machine."""
 
     reason: str
-    """What rorg does about it, or why it cannot be obtained."""
+    """How rorg obtains it, or why it cannot."""
     failed: bool = False
     """Whether waiting does not help."""
 

@@ -1,5 +1,5 @@
 """The status of each service: sync, health, and conditions with reasons. There is no phase: as in Kubernetes, several
-conditions can hold at once."""
+conditions can hold at the same time."""
 
 from __future__ import annotations
 

@@ -169,7 +169,7 @@ def _identity(revision: Revision) -> tuple[object, ...]:
 
 
 def made(desired: Desired, before: Mapping[str, Made], masker: Masker) -> dict[str, Made]:
-    """What each service with a container is made from. `before`: the same of the previous revision."""
+    """The Material of each service with a container. `before`: the same of the previous revision."""
     found = {}
     for name, service in desired.catalog.services.items():
         if service.spec is None:

@@ -50,7 +50,7 @@ class Learner:
 
 
 def learnt_from(journal: Journal, now: float) -> Learned:
-    """What the journal says about the time before `now`, seconds since the epoch."""
+    """The requests in the journal before `now`, seconds since the epoch."""
     try:
         found = requested(journal, stamp(now - BACK), stamp(now))
     except Missing:

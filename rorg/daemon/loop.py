@@ -66,7 +66,7 @@ class Loop:
         self.decision: Decision | None = None
         """The decision of the last pass."""
         self.inputs: Inputs | None = None
-        """What it was made from."""
+        """The inputs that it was made from."""
         self.decided: Callable[[], None] = lambda: None
         """Called after every pass, for those who wait for something."""
         self._down: tuple[Desired, Desired] | None = None

@@ -1,4 +1,4 @@
-"""Records events: as lines for people, and in the journal. What each pass adds is found in reporter.py."""
+"""Records events: as lines for people, and in the journal. reporter.py finds the events of each pass."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from rorg.model.units import counted, format_memory
 from rorg.store.state_dir import StateDir
 
 ALWAYS = ("tree", "requests", "engine")
-"""Keys whose first value is an event, whatever it is."""
+"""Keys whose first value is an event, even if it is empty."""
 QUIET_AT_FIRST = ("engine", "pressure")
 """Keys whose first value is not worth a line of its own when the loop begins."""
 

@@ -45,7 +45,7 @@ class _Owner:
 
 
 class RosNodes:
-    """What is known of a master's nodes, from one look to the next. `local` are names and addresses of this machine.
+    """The known nodes of a master, kept from one look to the next. `local` are names and addresses of this machine.
     For one thread."""
 
     def __init__(self, master: str, local: Collection[str]) -> None:

@@ -44,7 +44,7 @@ class RosWatch:
         """As last seen, by master; a different object after each change. A master that does not answer is left out."""
         self._watched = _Watched({}, False)
         self._seen: tuple[object, object, object] = (None, None, None)
-        """What the last pass that mattered was about."""
+        """The inputs of the last pass that mattered."""
         self._changed = threading.Event()
         self._stopping = threading.Event()
         self._masters: dict[str, RosNodes] = {}

@@ -1,4 +1,4 @@
-"""What runs now, for the threads beside the loop: probes, figures of use, workers.
+"""The services that run now, for the threads beside the loop: probes, figures of use, workers.
 
 The loop hands its memory over after each pass, so that none of these needs the loop itself.
 """

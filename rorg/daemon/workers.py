@@ -43,7 +43,7 @@ class Workers:
         """Calls that were still under way when the loop ended."""
 
     def begin(self, action: Action) -> None:
-        """Hand an action to a worker. It has an outcome, whatever happens."""
+        """Hand an action to a worker. It has an outcome in every case."""
         try:
             call = self._pool.submit(self._work, action)
         except RuntimeError as error:  # no more threads

@@ -1,4 +1,4 @@
-"""What an engine says about itself, for checks of manifests and of the installation."""
+"""An engine's answers about itself, for checks of manifests and of the installation."""
 
 from __future__ import annotations
 

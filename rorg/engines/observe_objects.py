@@ -74,7 +74,7 @@ class ObjectObserver:
             self.wake()
 
     def check(self) -> None:
-        """Look at them if nobody has yet, or if there are any."""
+        """Look at them the first time, and whenever there are any."""
         if self._matters.is_set() or not self.snapshot().complete:
             self.sync()
 

@@ -22,7 +22,7 @@ FIELDS = tuple(COLUMNS.replace("git", "commit").split(", "))
 
 @dataclass(frozen=True, slots=True)
 class Made:
-    """What a service is made from."""
+    """The material that a service is made from."""
 
     digest: str
     """Of its rendered spec, as in the label rorg.io/spec."""

@@ -20,7 +20,7 @@ class Runs:
         self._generation = database.generation
 
     def read(self) -> dict[str, Any]:
-        """What is kept of each service. Rows that are not JSON are ignored."""
+        """The kept memory of each service. Rows that are not JSON are ignored."""
         found = {}
         for service, text in self.database.rows("SELECT service, text FROM run"):
             try:

@@ -61,7 +61,7 @@ def _state(service: str, entry: Mapping[str, Any]) -> str:
 
 
 class _Told:
-    """What the entries before a state say about its cause."""
+    """The cause of a state, from the entries before it."""
 
     def __init__(self) -> None:
         self.asked = ""

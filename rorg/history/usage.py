@@ -43,7 +43,7 @@ class UsageTable:
         self.database = database
 
     def note(self, at: str, found: Sequence[Measured]) -> None:
-        """Add what was measured up to a time (ISO 8601 in UTC). What the disk refuses is lost: more will follow."""
+        """Add the measurements up to a time (ISO 8601 in UTC). If the disk refuses them, they are lost."""
         rows = [(at[:HOUR], m.service, m.run, m.seconds, m.cpu, m.seconds * m.memory, m.memory) for m in found]
 
         def change(connection: sqlite3.Connection) -> None:

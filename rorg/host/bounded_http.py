@@ -18,8 +18,8 @@ from rorg.host.deadline import Deadline
 HEAD = 64 << 10
 """Bytes of an answer of which only the head is read. A usual one has a few hundred."""
 _lookups: dict[tuple[str, int], Future[list[Any]]] = {}
-"""Names that are being looked up. The resolver has no deadline, so whoever asks for the same name meanwhile waits for
-the same look-up."""
+"""Names that are being looked up. The resolver has no deadline, so every caller that asks for the same name meanwhile
+waits for the same look-up."""
 _lock = threading.Lock()
 
 

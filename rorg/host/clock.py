@@ -1,4 +1,4 @@
-"""What time it is, and when this machine and its processes began."""
+"""The time, and when this machine and its processes began."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ MOST_OUTPUT = 256 << 10
 TURN = 0.2
 """Seconds until a command ends after its `stop` is set."""
 ENDING = 2.0
-"""Seconds to wait for a command that was told to end."""
+"""Seconds to wait for a command after SIGTERM."""
 CHUNK = 1 << 16
 
 

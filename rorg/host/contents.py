@@ -13,7 +13,7 @@ from rorg.model.catalog import Catalog, Spec
 
 MOST_FILES = 5000
 MOST_BYTES = 64 << 20
-"""Of one mount. What is larger is data, not configuration: then changes are the service's own business."""
+"""Of one mount. A larger one is data, not configuration: its changes are the service's own business."""
 Facts = tuple[int, int, int, int]
 Known = dict[str, tuple[Facts, str]]
 Stats = tuple[tuple[str | int, ...], ...]
@@ -62,7 +62,7 @@ class Contents:
 
 
 def mounted(spec: Spec, base: str) -> list[str]:
-    """Paths below `base` that a container can read but not write. What it can write is its own."""
+    """Paths below `base` that a container can read but not write. Paths that it can write are its own."""
     found = []
     for volume in spec.get("volumes", ()):
         if isinstance(volume, Mapping):

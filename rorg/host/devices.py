@@ -19,7 +19,7 @@ GONE = "is not there"
 
 
 def look(devices: Collection[Device], root: str = "/") -> dict[Device, Plugged]:
-    """What there is of each device now. `root` contains `dev` and `sys`."""
+    """The present state of each device. `root` contains `dev` and `sys`."""
     return {device: _by_path(device.path, root) if device.path else _by_udev(device, root) for device in devices}
 
 
@@ -50,7 +50,7 @@ def _number(found: os.stat_result) -> str:
 
 
 def _by_udev(device: Device, root: str) -> Plugged:
-    """The first of several nodes of one piece of hardware; several pieces cannot be told apart."""
+    """The first of several nodes of one piece of hardware; several pieces are indistinguishable."""
     wanted, found = dict(device.udev), dict[str, list[str]]()
     for folder in _all(root):
         name = _attribute(folder / "uevent", "DEVNAME=")
@@ -134,7 +134,7 @@ class DeviceWatch:
         self._asked.set()
 
     def of(self, devices: tuple[Device, ...]) -> Mapping[Device, Plugged]:
-        """What there is of these, at most a second ago; the same object as long as nothing has changed."""
+        """The present ones of these, at most a second ago; the same object as long as nothing has changed."""
         if devices != self._devices:
             self._devices = devices
             self._look()

@@ -1,4 +1,4 @@
-"""What git says about a tree. The git revision is information: the only decision that depends on it is when to read."""
+"""Answers of git about a tree. The revision is information: the only decision that depends on it is when to read."""
 
 from __future__ import annotations
 
@@ -148,7 +148,7 @@ def _locks(git: Path, since: float) -> dict[Path, float]:
 
 
 def commit(root: Path, path: Path, author: str, message: str) -> bool:
-    """Commit one file alone, whatever else is staged; False outside of a repository, or if git refuses."""
+    """Commit one file alone, even if others are staged; False outside of a repository, or if git refuses."""
     if git_dir(root) is None:
         return False
     address = f"{author.replace(' ', '.')}@rorg.local"

@@ -46,7 +46,7 @@ class Unacceptable(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Followed:
-    """What is followed, and which of its commits are accepted."""
+    """The repository and branch to follow, and which of its commits are accepted."""
 
     remote: Remote
     path: str = "."

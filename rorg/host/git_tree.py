@@ -55,8 +55,8 @@ class Mirror:
     def bring(self, paths: Iterable[Path], most_files: int, most_bytes: int) -> None:
         """Bring files and directories of this machine that git does not know, as they are now: those in the repository
         are copied, others linked. If they are too many or too large, the first one beyond the limit is the last, and
-        comes without content, so that whoever counts them finds too much as well. Unreadable files are left out, and
-        everything that is not a file, link or directory. Raises OSError."""
+        comes without content, so that a caller who counts them finds too many as well. Unreadable files are left out,
+        and everything that is not a file, link or directory. Raises OSError."""
         files, size = 0, 0
         for path in paths:
             target = self.at(path)

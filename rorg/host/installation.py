@@ -1,4 +1,4 @@
-"""Facts about the machine that rorg is installed on. What cannot be found out is left out."""
+"""Facts about the machine that rorg is installed on. Unknown facts are left out."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def open_files() -> int:
 
 
 def journal_error(path: Path) -> str:
-    """What is wrong with the file of the history; empty if it is sound, or missing."""
+    """The fault of the history's file; empty if it is sound, or missing."""
     if not path.exists():
         return ""
     try:

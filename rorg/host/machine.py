@@ -1,4 +1,4 @@
-"""Facts about this machine for checks of manifests. What cannot be read is left out."""
+"""Facts about this machine for checks of manifests. Unreadable ones are left out."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def _free(folder: Path) -> int | None:
 
 
 def node(place: Path, path: str) -> Node:
-    """What is at a place; links are followed. `path`: its name."""
+    """The kind of file at a place; links are followed. `path`: its name."""
     try:
         found = os.stat(place)
     except (OSError, ValueError):

@@ -24,7 +24,7 @@ Look = Callable[[Collection[Path]], set[Path]]
 
 
 class Removed(NamedTuple):
-    """What was removed."""
+    """The removed files."""
 
     files: int = 0
     size: int = 0

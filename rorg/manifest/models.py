@@ -123,14 +123,14 @@ class Manifest(Strict):
 
     apiVersion: Literal["rorg/v1"] = field("The version of this form of manifests.", "rorg/v1", ...)
     kind: str = field("Service, Group, Image, Network, Volume, Profile, Policy or Request.", "Service", ...)
-    metadata: Metadata = field("What it is called.", {"name": "navigation"}, ...)
+    metadata: Metadata = field("Its name and labels.", {"name": "navigation"}, ...)
     spec: Any = field("What it declares, by its kind.", {"image": "fetch-navigation"}, ...)
 
 
 class ImageManifest(Manifest):
     """The envelope of an Image."""
 
-    metadata: ImageMetadata = field("What it is called.", {"name": "lab/navigation:1.2"}, ...)
+    metadata: ImageMetadata = field("Its name.", {"name": "lab/navigation:1.2"}, ...)
 
 
 SPECS: dict[str, type[Strict]] = {

@@ -42,7 +42,7 @@ class Escalate(Strict):
 
 
 class Idle(Strict):
-    """What happens to a service that is no longer wanted."""
+    """The action for a service that is no longer wanted."""
 
     action: Literal["pause", "stop", "remove"] | None = unchanging(
         "pause keeps its memory and resumes instantly; stop ends its processes; remove also removes the container.",
@@ -67,7 +67,7 @@ class Idle(Strict):
         unset="off",
     )
     connected: Literal["pause", "stop"] | None = unchanging(
-        "What to do instead of a pause while a topic connects one of its ROS 1 nodes to another active service, or "
+        "The action instead of a pause while a topic connects one of its ROS 1 nodes to another active service, or "
         "if that is unknown.",
         "stop",
         unset="pause",
@@ -82,7 +82,7 @@ class Budget(Strict):
     )
     memory: Memory | None = field("Memory.", "6Gi", unset="all of the machine's")
     over: Literal["admit", "queue", "refuse"] = field(
-        "What to do with a request whose services' expected use (`resources`) does not fit beside what is already "
+        "The action for a request whose services' expected use (`resources`) does not fit beside what is already "
         "wanted.",
         "queue",
         "admit",
@@ -217,7 +217,7 @@ class PolicySpec(Strict):
     )
     history: History | None = field("How much history is kept.", {"days": 90})
     removals: Literal["ask", "auto"] = field(
-        "What to do with a service that is no longer declared although a request, a need or a group names it: "
+        "The action for a service that is no longer declared although a request, a need or a group names it: "
         "ask keeps it until a person confirms the removal; auto removes it.",
         "auto",
         "ask",

@@ -110,7 +110,7 @@ class ServiceSpec(Strict):
     always_on: bool = unchanging("Active as long as rorg runs, without a request.", True, False)
     conflicts: list[Name] = unchanging("Services that must not be active together with this one.", ["mapping"], list)
     idle: Idle | None = unchanging(
-        "What happens to it when it is no longer wanted.",
+        "The action when it is no longer wanted.",
         {"action": "pause", "linger": "20s"},
         unset="stop immediately",
     )
@@ -156,10 +156,10 @@ class ServiceSpec(Strict):
         list,
     )
     restart: Restart | None = unchanging(
-        "What to do when it exits while it is wanted. Delays between restarts grow.", "on-failure", unset="always"
+        "When to restart it if it exits while it is wanted. Delays grow.", "on-failure", unset="always"
     )
     on_change: OnChange = unchanging(
-        "What to do when files change that this service mounts from the tree, read only.", "signal SIGHUP", "restart"
+        "The reaction to changed files that this service mounts from the tree, read only.", "signal SIGHUP", "restart"
     )
     priority: Priority = unchanging("0 to 100. Under pressure the lowest give way first.", 80, 50)
     resources: Resources = unchanging(

@@ -23,7 +23,7 @@ LEFT_OUT: Mapping[Kind, str] = {
     "network": "the process engine makes no networks: its services use those of this machine",
     "volume": "the process engine makes no volumes: its services use directories of this machine",
 }
-"""What happens to them if services are plain processes."""
+"""Their use if services are plain processes."""
 
 
 def objects_of(

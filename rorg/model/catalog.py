@@ -33,7 +33,7 @@ declared. Exactly this is sent to the engine and digested."""
 
 @dataclass(frozen=True, slots=True)
 class Idle:
-    """What happens to a service that is not wanted."""
+    """The action for a service that is not wanted."""
 
     action: str = "stop"
     """pause, stop or remove."""
@@ -143,7 +143,7 @@ class Service:
     restart: str = "always"
     """always, on-failure or never."""
     on_change: str = "restart"
-    """What to do when files change that it mounts from the tree: restart, none, or the name of a signal."""
+    """The reaction to changes of files that it mounts from the tree: restart, none, or the name of a signal."""
     priority: int = 50
     cpu: float = 0.0
     """Expected use, cores."""
@@ -153,7 +153,7 @@ class Service:
     devices: tuple[Device, ...] = ()
     """Devices without which it does not run."""
     unplugged: str = "stop"
-    """What happens when one of them is unplugged: stop or keep."""
+    """The reaction when one of them is unplugged: stop or keep."""
     ros: RosParameters | None = None
     spec: Spec | None = None
     """None for a meta-service."""

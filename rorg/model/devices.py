@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 UNPLUGGED = ("stop", "keep")
-"""What happens to a driver when its device is unplugged."""
+"""The reaction when a driver's device is unplugged."""
 
 
 @dataclass(frozen=True, slots=True)

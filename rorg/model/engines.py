@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 
 class Capabilities(NamedTuple):
-    """What an engine can do. rorg reports what it cannot do, and uses the next best way if there is one."""
+    """The abilities of an engine. rorg reports the ones that it lacks, and uses the next best way if there is one."""
 
     server: bool = True
     """It is a program of its own, which can be stopped or stuck."""
@@ -60,9 +60,9 @@ ENGINES: Mapping[str, Capabilities] = {
         ),
     ),
 }
-"""By name, in the order in which they are tried when nobody chooses one."""
+"""By name, in the order in which they are tried when none is chosen."""
 
 
 def capabilities_of(engine: str) -> Capabilities:
-    """What the engine of this name can do; everything if the name is not known."""
+    """The capabilities of the engine of this name; all of them if the name is not known."""
     return ENGINES.get(engine, Capabilities())

@@ -82,8 +82,7 @@ class Prober:
                 return
             now, fresh = self.clock(), [k for k, t in asked.items() if self._targets.get(k) != t]
             for index, key in enumerate(fresh):
-                # Ask for readiness immediately. What was alive just now can wait, and not all of them are asked at the
-                # same time.
+                # Ask for readiness now. Liveness that was just seen can wait, and not all are asked at the same time.
                 wait = asked[key].every * (1 + index / len(fresh)) if key[1] == "live" else 0.0
                 self._due[key] = now + wait
                 self._answers.pop(key, None)

@@ -1,8 +1,8 @@
 """Asks a ROS 1 master for its graph by XML-RPC: 1-2 ms for each question, without ROS installed (`rosnode ping`: 1.2
 s).
 
-Every answer of a master is [code, message, value]; code 1 means success. Whatever listens at its port, or at an address
-that it names, may answer anything, or for ever.
+Every answer of a master is [code, message, value]; code 1 means success. Any program that listens at its port, or at an
+address that it names, may answer anything, or for ever.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ class RosState:
 
 
 def read_state(master: str) -> RosState:
-    """Read it in two calls, whatever the number of nodes. Raises OSError if there is no master."""
+    """Read it in two calls for any number of nodes. Raises OSError if there is no master."""
     deadline = Deadline.within(READING)
     found = graph(master, deadline.sooner(TIMEOUT))
     nodes = sorted({n for part in found for names in part.values() for n in names})
@@ -63,8 +63,8 @@ def refuses(uri: str) -> bool:
 
 def unregister(master: str, node: str, state: RosState) -> None:
     """Unregister everything that this node registered from its address in the state. Registrations from other
-    addresses, by itself or another node of that name, stay. Raises OSError; LookupError if the master does not know it
-    any more."""
+    addresses, of its own or of another node of that name, stay. Raises OSError; LookupError if the master no longer
+    knows it."""
     deadline, uri = Deadline.within(READING), state.places[node]
     if call(master, "lookupNode", CALLER, node, deadline=deadline) != uri:
         raise LookupError(f"{node} is at another address now")

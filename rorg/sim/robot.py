@@ -122,7 +122,7 @@ class SimRobot:
         return self.engine.latency(action.verb, action.service)
 
     def reborn(self, memory: Memory) -> None:
-        """A new rorg process takes over. Calls of the previous one are completed, but nobody receives their
+        """A new rorg process takes over. Calls of the previous one are completed, but no one receives their
         outcomes."""
         self.life += 1
         self.memory, self.cache = memory, None

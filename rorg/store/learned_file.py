@@ -25,7 +25,7 @@ def write_learned(folder: Path, learned: Learned) -> None:
 
 
 def read_learned(folder: Path) -> Learned | None:
-    """What was written last; None if there is nothing that can be understood."""
+    """The habits written last; None if the file is missing or cannot be understood."""
     try:
         content = json.loads(read_state(folder / NAME))
         if content["version"] != VERSION:

@@ -61,7 +61,7 @@ class OwnerLock:
 
 
 def _folder() -> Path:
-    """The same folder for every rorg of this user, whatever the environment. Raises OSError."""
+    """The same folder for every rorg of this user in any environment. Raises OSError."""
     user = os.geteuid()
     if user == 0:
         found = Path("/run/rorg/owners")

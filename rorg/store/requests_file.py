@@ -91,7 +91,7 @@ class RequestsFile:
 
 
 def _content(path: Path) -> tuple[RequestsDocument | None, list[Diagnostic], bool]:
-    """Return the content (empty without a file), its errors, and whether the file could be read. Whatever its content,
+    """Return the content (empty without a file), its errors, and whether the file could be read. With any content,
     the robot goes on."""
     try:
         text = read_state(path)

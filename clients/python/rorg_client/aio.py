@@ -57,7 +57,7 @@ class AsyncClient:
         """The process and event loop of the idle connections."""
         self._watcher: AsyncWatcher | None = None
         self._tasks: set[asyncio.Future[Any]] = set()
-        """Tasks that continue although nobody waits for them."""
+        """Tasks that continue without a caller waiting for them."""
 
     async def close(self) -> None:
         """Closes idle connections; the next call opens another."""

@@ -100,7 +100,7 @@ def _absolute(client: Client, container: str, path: str) -> str:
 
 
 def _look(client: Client, container: str, path: str) -> Inside | None:
-    """What is at a path, with a link followed; None if there is nothing."""
+    """The entry at a path, with a link followed; None if there is none."""
     place = posixpath.normpath(_absolute(client, container, path))
     found = _stat(client, container, place)
     if found and found["mode"] & LINK and found["linkTarget"]:

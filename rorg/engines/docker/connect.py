@@ -86,14 +86,14 @@ def through_tls(there: socket.socket, context: ssl.SSLContext, name: str) -> soc
 
 
 class _Carrier:
-    """Carries data until the other end has finished, or nobody here reads. Everything received is decrypted first."""
+    """Carries data until the other end has finished, or our reader is gone. Everything received is decrypted first."""
 
     def __init__(self, there: socket.socket, context: ssl.SSLContext, name: str) -> None:
         self._there, self._coming, self._going = there, ssl.MemoryBIO(), ssl.MemoryBIO()
         self._tls = context.wrap_bio(self._coming, self._going, server_hostname=name)
         self.near, self._far = socket.socketpair()
         self._encrypted, self._decrypted = b"", b""
-        """What is still to be sent there, and to be read here."""
+        """Data to send to the other end, and data to read here."""
         self._more = True
         """Our side has not ended its direction."""
 

@@ -187,7 +187,7 @@ class DockerEngine(Inside):
             self.client.post(f"/containers/{container}/{path or what}", body, **query)
 
     def stop(self, container: str, signal: str, grace: float) -> None:
-        """A signal wakes a paused container by itself (Docker 20.10 and later: kill thaws). A signal that the engine
+        """A signal alone wakes a paused container (Docker 20.10 and later: kill thaws). A signal that the engine
         refuses, such as a number that an image declares, is skipped."""
         why = EngineError(f"stop {container[:12]}", "it did not end after SIGKILL", "`dmesg` for a device that hangs")
         for name, seconds in stop_sequence(signal, grace):
@@ -262,7 +262,7 @@ class DockerEngine(Inside):
 
 
 def _as_before(known: Mapping[str, Container], row: Mapping[str, Any], heard: set[str]) -> Container | None:
-    """What is known of a container, if the list says the same about it and no event says otherwise."""
+    """The known container, if the list agrees and no event contradicts it."""
     before = known.get(row["Id"])
     if before is None or before.brief or row["Id"] in heard:
         return None

@@ -29,7 +29,7 @@ writes the exit code in one step. The service runs in the foreground, because ba
 SIGINT."""
 
 UMASK = 0o022
-"""Of services, as in a container, whatever rorg's own is."""
+"""Of services, as in a container; rorg's own does not matter."""
 OWN = frozenset(("NOTIFY_SOCKET", "WATCHDOG_PID", "WATCHDOG_USEC", "LISTEN_PID", "LISTEN_FDS", "LISTEN_FDNAMES"))
 """Variables that systemd sets for rorg alone."""
 Child = subprocess.Popen[bytes]

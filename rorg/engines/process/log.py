@@ -138,7 +138,7 @@ def _open(path: Path) -> int:
 
 
 def _tail(descriptor: int, end: int, lines: int) -> int:
-    """Where the last so many lines before `end` begin, or the oldest that is kept."""
+    """The place where the last `count` lines before `end` begin, or the oldest line that is kept."""
     kept, place = _kept_from(descriptor, 0), end
     wanted = lines + (end > 0 and os.pread(descriptor, 1, end - 1) == b"\n")
     while wanted and place > kept:
@@ -153,7 +153,7 @@ def _tail(descriptor: int, end: int, lines: int) -> int:
 
 
 def _read(descriptor: int, place: int, most: int) -> tuple[bytes, int]:
-    """What is kept from a place on, and where it begins: there, or at the first whole line after what was given
+    """The text kept from a place on, and where it begins: there, or at the first whole line after what was given
     back."""
     begin = _kept_from(descriptor, place)
     text = os.pread(descriptor, most, begin)

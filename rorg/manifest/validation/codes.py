@@ -79,7 +79,7 @@ grace-too-short: It is killed before it has unregistered from the master.
 # Idle services
 pause-of-infrastructure (error): Everything that talks to it would hang.
   try idle: {action: stop}
-pause-of-actuator-consumer: A resumed subscriber receives its whole backlog at once: commands up to half a minute old.
+pause-of-actuator-consumer: A resumed subscriber receives its whole backlog: commands up to half a minute old.
   try idle: {action: stop}, or {action: pause, connected: stop}
 duplicate-node-name: A paused node shuts down when it resumes and another node has taken its name.
   try idle: {action: stop}, or another node name
@@ -212,7 +212,7 @@ log-without-limits: A full disk stops everything.
   try logging: {driver: json-file, options: {max-size: 10m, max-file: "3"}}
 recording-without-limit: A full disk stops everything.
   try --split --size=1024 --max-splits=20
-tty-without-stdin: Programs format their output for a terminal that nobody watches.
+tty-without-stdin: Programs format their output for a terminal that is not there.
   try stdin_open: true, or dropping tty
 shm-size-with-ipc-host: The engine ignores it.
   try dropping one of them
