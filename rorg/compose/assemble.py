@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -28,14 +28,9 @@ class Layer:
     written: Node
     tree: Node
 
-    def service(self, name: str) -> Node | None:
-        found = self.tree.mapping.get("services")
-        return found.mapping.get(name) if found else None
-
-    def written_service(self, name: str) -> Node:
-        services = self.written.mapping.get("services")
-        found = services.mapping.get(name) if services else None
-        return found or Node({}, self.written.where)
+    @property
+    def services(self) -> Mapping[str, Node]:
+        return self.tree.get("services").mapping
 
 
 @dataclass
@@ -58,11 +53,10 @@ class Assembler:
         total: Node | None = None
         for path in paths:
             for layer in self.read(path, directory, variables, where):
-                services = self.extended(layer, directory, variables)
-                tree = layer.tree.but({**layer.tree.mapping, **({"services": services} if services else {})})
+                tree = self.extended(layer, directory, variables)
                 total = tree if total is None else FILE.merge(apply_resets(total, layer.written), tree)
         total = total or Node({}, where)
-        for entry in total.mapping["include"].items if "include" in total.mapping else ():
+        for entry in total.get("include").items:
             total = self.included(total, entry, directory, variables, (*trail, *paths))
         return total
 
@@ -92,22 +86,23 @@ class Assembler:
                 self.layers[key].append(Layer(path, written, tree))
         return self.layers[key]
 
-    def extended(self, layer: Layer, directory: Path, variables: Variables) -> Node | None:
-        services = layer.tree.mapping.get("services")
-        if services is None:
-            return None
-        every = {name: self.service(name, layer, directory, variables, ()) for name in services.mapping}
-        return services.but({name: node for name, node in every.items() if node is not None})
+    def extended(self, layer: Layer, directory: Path, variables: Variables) -> Node:
+        """The tree of a document, with every service merged with everything that it extends."""
+        if not layer.services:
+            return layer.tree
+        every = {name: self.service(name, layer, directory, variables, ()) for name in layer.services}
+        services = {name: node for name, node in every.items() if node is not None}
+        return layer.tree.having(services=layer.tree.get("services").but(services))
 
     def service(
         self, name: str, layer: Layer, directory: Path, variables: Variables, trail: tuple[tuple[Path, str], ...]
     ) -> Node | None:
         """A service merged with everything that it extends."""
-        node = layer.service(name)
-        extends = node.mapping.get("extends") if node else None
-        target = extends.mapping.get("service") if extends else None
-        if node is None or extends is None or target is None:
+        node = layer.services.get(name)
+        extends = node.get("extends") if node else None
+        if node is None or extends is None or not extends.mapping:
             return node
+        target = extends.get("service")
         own = node.but({key: value for key, value in node.mapping.items() if key != "extends"})
         if (layer.path, name) in trail:
             ring = [one for _, one in trail[trail.index((layer.path, name)) :]]
@@ -127,7 +122,7 @@ class Assembler:
         base = self.service(target.value, base_layer, base_directory, variables, trail)
         if base is None:
             return own
-        merged = SERVICE.merge(apply_resets(base, layer.written_service(name)), own)
+        merged = SERVICE.merge(apply_resets(base, layer.written.get("services", name)), own)
         self.files.spend(merged.size(), target.where)
         return own.but(merged.value)
 
@@ -136,18 +131,16 @@ class Assembler:
     ) -> tuple[Layer, Path] | None:
         """The document with the service that `name` extends, and the directory that its paths are relative to."""
         layers, where = [layer], directory
-        file = extends.mapping.get("file")
-        if file:
+        file = extends.get("file")
+        if file.value:
             path = Path(Context(directory, self.home).path(file.value))
             layers, where = self.read(path, path.parent, variables, file.where), path.parent
             if not layers:
                 return None
-        found = next((one for one in layers if one.service(target.value) is not None), None)
+        found = next((one for one in layers if target.value in one.services), None)
         if found is None:
-            known = [
-                known for one in layers for known in one.tree.mapping.get("services", target).mapping if known != name
-            ]
-            inside = f" in {layers[0].path}" if file else ""
+            known = [known for one in layers for known in one.services if known != name]
+            inside = f" in {layers[0].path}" if file.value else ""
             message = f"service '{name}' extends '{target.value}', which does not exist{inside}"
             self.diagnostics.append(Diagnostic(target.where, message, self.files.near(target.value, known)))
             return None
@@ -158,7 +151,7 @@ class Assembler:
     ) -> Node:
         """A tree merged with what one entry of `include` adds."""
         context = Context(directory, self.home)
-        paths = [Path(context.path(one.value)) for one in entry.mapping["path"].items]
+        paths = [Path(context.path(one.value)) for one in entry.get("path").items]
         if not paths or len(trail) > MOST_INCLUDES:
             self.diagnostics.append(
                 Diagnostic(entry.where, "an include without a path, or nested too deep", "path: FILE")
@@ -170,14 +163,12 @@ class Assembler:
                 Diagnostic(entry.where, f"files include each other: {ring}", "removing one include")
             )
             return total
-        said = entry.mapping.get("project_directory")
-        base = Path(context.path(said.value)) if said else paths[0].parent
+        said = entry.get("project_directory").value
+        base = Path(context.path(said)) if said is not None else paths[0].parent
         inner = variables.within()
-        env_files = entry.mapping.get("env_file")
-        if env_files:
-            for one in env_files.items:
-                self.env_file(Path(context.path(one.value)), one.where, inner)
-        elif self.files.there(base / ".env"):
+        for one in entry.get("env_file").items:
+            self.env_file(Path(context.path(one.value)), one.where, inner)
+        if "env_file" not in entry.mapping and self.files.there(base / ".env"):
             self.env_file(base / ".env", entry.where, inner)
         tree = self.tree(paths, base, inner, entry.where, trail)
         return self.joined(total, _with_bare_names(tree, inner))
@@ -190,13 +181,11 @@ class Assembler:
 
     def joined(self, total: Node, other: Node) -> Node:
         """A tree merged with an included one. The same name in both is a mistake, unless both definitions are equal."""
-        entries = dict(total.mapping)
         for section in RESOURCES:
-            brought = other.mapping.get(section)
-            if brought is None:
+            if section not in other.mapping:
                 continue
-            ours = dict(entries[section].mapping) if section in entries else {}
-            for name, node in brought.mapping.items():
+            ours = dict(total.get(section).mapping)
+            for name, node in other.get(section).mapping.items():
                 before = ours.get(name)
                 if before is not None and before.plain() != node.plain():
                     message = f"{section}.{name} is also in the included file {node.place.file}"
@@ -204,25 +193,21 @@ class Assembler:
                     self.diagnostics.append(Diagnostic(before.place, message, remedy))
                     continue
                 ours.setdefault(name, node)
-            entries[section] = (entries.get(section) or brought).but(ours)
-        return total.but(entries)
+            total = total.having(**{section: (total.mapping.get(section) or other.get(section)).but(ours)})
+        return total
 
 
 def _with_bare_names(tree: Node, variables: Variables) -> Node:
     """Lets bare names in environments of an included file take values from its own env files, too."""
-    services = tree.mapping.get("services")
-    if services is None:
-        return tree
-    entries = dict(services.mapping)
-    for name, service in entries.items():
-        environment = service.mapping.get("environment")
-        if environment:
-            filled = {
-                key: bare(key, node, variables) if variables.get(key) is not None else node
-                for key, node in environment.mapping.items()
-            }
-            entries[name] = service.but({**service.mapping, "environment": environment.but(filled)})
-    return tree.but({**tree.mapping, "services": services.but(entries)})
+    services, found = tree.get("services"), dict[str, Node]()
+    for name, service in services.mapping.items():
+        environment = service.get("environment")
+        own = {
+            key: bare(key, one, variables) for key, one in environment.mapping.items() if variables.get(key) is not None
+        }
+        if own:
+            found[name] = service.having(environment=environment.having(**own))
+    return tree.having(services=services.having(**found)) if found else tree
 
 
 def apply_resets(base: Node, resets: Node) -> Node:

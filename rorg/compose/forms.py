@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
+from rorg.compose import shorts
 from rorg.compose.command_line import split
 from rorg.compose.form import ANY, Context, Form, wrong
 from rorg.compose.nodes import Node
@@ -33,13 +34,45 @@ class Words(Form):
         return node.but(_read_all(node.value, TEXT, name, context))
 
 
+Short = Callable[[Node, str, Context], "Node | None"]
+"""Expands a short form; None if it is wrong and reported."""
+SINGLE = (str, int, float, bool)
+"""Types of a value that is neither a list nor a mapping."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Compound(Form):
+    """A list or a mapping, perhaps with a short form."""
+
+    kind: ClassVar[type] = dict
+    short: Short | None = None
+    of: type | tuple[type, ...] = str
+    """The types of short forms."""
+    wanted: str = ""
+    """What messages call the accepted values, if it is not the obvious."""
+
+    def read(self, node: Node, name: str, context: Context) -> Node | None:
+        if node.value is None:
+            return None
+        long: Node | None = node
+        if self.short and isinstance(node.value, self.of):
+            long = self.short(node, name, context)
+        elif not isinstance(node.value, self.kind):
+            text = "text or " if self.short and self.of is str else ""
+            return wrong(node, name, context, self.wanted or f"{text}a {'list' if self.kind is list else 'mapping'}")
+        return None if long is None else self.convert(long, name, context)
+
+    def convert(self, node: Node, name: str, context: Context) -> Node | None:
+        """The canonical form of a long form."""
+        raise NotImplementedError
+
+
 @dataclass(frozen=True)
-class ListOf(Form):
+class ListOf(Compound):
     """A list. Items of a later list are appended, or replace the item with the same `key`."""
 
+    kind = list
     item: Form = TEXT
-    single: bool = False
-    """A single item may be written without the list."""
     key: Callable[[Any], object] | None = None
     """The identity of a plain item: of several equal ones, the last remains."""
     spread: Callable[[Node, str, Context], list[Node]] | None = None
@@ -47,14 +80,8 @@ class ListOf(Form):
     replaced: bool = False
     """A later list replaces this one."""
 
-    def read(self, node: Node, name: str, context: Context) -> Node | None:
-        if node.value is None:
-            return None
-        listed = node.value
-        if self.single and not isinstance(listed, list | dict):
-            listed = [node.but(node.value, key=None, tag="")]
-        if not isinstance(listed, list):
-            return wrong(node, name, context, "a list")
+    def convert(self, node: Node, name: str, context: Context) -> Node:
+        listed = node.items
         if self.spread:
             listed = [n for i, one in enumerate(listed) for n in self.spread(one, f"{name}[{i}]", context)]
         return node.but(self.unique(_read_all(listed, self.item, name, context)))
@@ -71,33 +98,29 @@ class ListOf(Form):
         return over if self.replaced else base.but(self.unique([*base.items, *over.items]))
 
 
+def one_or_many(item: Form, key: Callable[[Any], object] | None = None) -> ListOf:
+    """A list whose only item may be written without the list."""
+    return ListOf(item, key, short=lambda node, _, __: node.but([node.but(node.value, key=None, tag="")]), of=SINGLE)
+
+
 def _read_all(items: list[Node], form: Form, name: str, context: Context) -> list[Node]:
     found = (form.read(item, f"{name}[{index}]", context) for index, item in enumerate(items))
     return [item for item in found if item is not None]
 
 
 @dataclass(frozen=True)
-class MapOf(Form):
-    """A mapping with names that people choose. `names`: it may also be a list of names, without values."""
+class MapOf(Compound):
+    """A mapping with names that people choose."""
 
     item: Form
-    names: bool = False
     null: bool = False
     """A name may have no value: it is None, or an empty mapping if the items are sections."""
     extensible: bool = True
     """Entries whose names start with x- are not read. A service, however, may have such a name."""
 
-    def read(self, node: Node, name: str, context: Context) -> Node | None:
-        if node.value is None:
-            return None
-        entries = node.value
-        if self.names and isinstance(entries, list):
-            read = _read_all(entries, TEXT, name, context)
-            entries = {one.value: Node(None, one.where, one.where, taken=one.taken) for one in read}
-        if not isinstance(entries, dict):
-            return wrong(node, name, context, "a list of names, or a mapping" if self.names else "a mapping")
+    def convert(self, node: Node, name: str, context: Context) -> Node:
         found: dict[str, Node] = {}
-        for key, value in entries.items():
+        for key, value in node.mapping.items():
             if key.startswith("x-") and self.extensible and isinstance(self.item, Section):
                 found[key] = value
                 continue
@@ -113,52 +136,32 @@ class MapOf(Form):
 
 
 @dataclass(frozen=True)
-class Pairs(Form):
+class Pairs(Compound):
     """`{NAME: value}` or `[NAME=value]`; a bare NAME has no value."""
 
     bare: bool = False
     """A name without a value is None; otherwise it is an empty text."""
-    separators: str = "="
+    short: Short | None = field(default=shorts.pairs, kw_only=True)
+    of: type | tuple[type, ...] = field(default=list, kw_only=True)
+    wanted: str = field(default="a mapping, or a list of NAME=value", kw_only=True)
 
-    def read(self, node: Node, name: str, context: Context) -> Node | None:
-        if node.value is None:
-            return None
-        if isinstance(node.value, list):
-            return node.but(self.listed(node.value, name, context))
-        if not isinstance(node.value, dict):
-            return wrong(node, name, context, "a mapping, or a list of NAME=value")
+    def convert(self, node: Node, name: str, context: Context) -> Node:
         found: dict[str, Node] = {}
-        for key, value in node.value.items():
+        for key, value in node.mapping.items():
             one = value.but(None) if value.value is None else LOOSE.read(value, f"{name}.{key}", context)
             if one is not None:
                 found[key] = one.but("" if one.value is None and not self.bare else one.value)
         return node.but(found)
 
-    def listed(self, items: list[Node], name: str, context: Context) -> dict[str, Node]:
-        found: dict[str, Node] = {}
-        for index, item in enumerate(items):
-            read = LOOSE.read(item, f"{name}[{index}]", context)
-            if read is None:
-                continue
-            key, separator, value = read.value.partition("=")
-            known = value if separator else (None if self.bare else "")
-            found[key] = Node(known, item.where, item.where, taken=item.taken)
-        return found
-
     def merge(self, base: Node, over: Node) -> Node:
         return _merged(base, over, lambda _: TEXT)
 
 
-Short = Callable[[Node, str, Context], "Node | None"]
-"""Expands a short form; None if it is wrong and reported. Never called with a mapping."""
-
-
 @dataclass(frozen=True)
-class Section(Form):
+class Section(Compound):
     """A mapping with known keys, and `x-` keys."""
 
     keys: Mapping[str, Form]
-    short: Short | None = None
     required: tuple[str, ...] = ()
     defaults: Mapping[str, Any] = field(default_factory=dict)
     extensible: bool = True
@@ -167,26 +170,17 @@ class Section(Form):
     same: str = ""
     """Merge key by key only if this key is equal or missing in one of the two; otherwise the later section wins."""
 
-    def read(self, node: Node, name: str, context: Context) -> Node | None:
-        if node.value is None:
-            return None
-        long: Node | None = node
-        if not isinstance(node.value, dict):
-            if self.short is None:
-                return wrong(node, name, context, "a mapping")
-            long = self.short(node, name, context)
-        if long is None:
-            return None
-        found = self.entries(long, name, context)
+    def convert(self, node: Node, name: str, context: Context) -> Node | None:
+        found = self.entries(node, name, context)
         missing = [key for key in self.required if key not in found]
         for key in missing:
-            if key not in long.mapping or long.mapping[key].value is None:
+            if node.get(key).value is None:
                 context.error(node, f"{name} has no '{key}'", f"{key}: ...", key=True)
         if missing:
             return None
         for key, value in self.defaults.items():
             found.setdefault(key, Node(value, node.where))
-        made = long.but(found)
+        made = node.but(found)
         return self.finish(made, name, context) if self.finish else made
 
     def entries(self, node: Node, name: str, context: Context) -> dict[str, Node]:
@@ -231,24 +225,6 @@ def is_remote(text: str) -> bool:
 
 
 @dataclass(frozen=True)
-class Changed(Form):
-    """Another form, whose short values are expanded first."""
-
-    change: Callable[[Node, str, Context], Node | None]
-    form: Form
-    only: type | tuple[type, ...] = object
-
-    def read(self, node: Node, name: str, context: Context) -> Node | None:
-        if node.value is None:
-            return None
-        long = self.change(node, name, context) if isinstance(node.value, self.only) else node
-        return None if long is None else self.form.read(long, name, context)
-
-    def merge(self, base: Node, over: Node) -> Node:
-        return self.form.merge(base, over)
-
-
-@dataclass(frozen=True)
 class Either(Form):
     """A mapping has one form, everything else another."""
 
@@ -267,10 +243,8 @@ class Either(Form):
 class Contexts(Pairs):
     """Additional contexts of a build, with absolute paths."""
 
-    def read(self, node: Node, name: str, context: Context) -> Node | None:
-        found = super().read(node, name, context)
-        if found is None:
-            return None
+    def convert(self, node: Node, name: str, context: Context) -> Node:
+        found = super().convert(node, name, context)
         return found.but(
             {k: v if is_remote(v.value) else v.but(context.path(v.value)) for k, v in found.mapping.items()}
         )

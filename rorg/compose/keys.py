@@ -12,14 +12,14 @@ from typing import Any
 
 from rorg.compose import shorts
 from rorg.compose.form import ANY, Context, Form
-from rorg.compose.forms import Changed, Contexts, Either, ListOf, MapOf, Pairs, Section, Words, is_remote
+from rorg.compose.forms import Contexts, Either, ListOf, MapOf, Pairs, Section, Words, is_remote, one_or_many
 from rorg.compose.nodes import Node
 from rorg.compose.scalars import BOOL, DURATION, FLOAT, INT, LOOSE, NUMBER_OR_TEXT, SIZE, TEXT, PathOf, Scalar, one_of
 from rorg.model.options import OPTIONS as CONTAINER_OPTIONS
 
 TEXTS = ListOf(TEXT)
 UNIQUE = ListOf(TEXT, key=lambda text: text)
-ONE_OR_MANY = ListOf(TEXT, single=True, key=lambda text: text)
+ONE_OR_MANY = one_or_many(TEXT, key=lambda text: text)
 OPTIONS = MapOf(NUMBER_OR_TEXT)
 
 
@@ -30,24 +30,21 @@ def _keys(form: Form, names: str) -> dict[str, Form]:
 
 def _source(node: Node, name: str, context: Context) -> Node:
     """A mount, with the source of a bind as an absolute path of this machine."""
-    entries = dict(node.value)
-    source, kind = entries.get("source"), entries.get("type")
-    if kind and kind.value == "bind":
-        if source is None:
+    source, target = node.get("source"), node.get("target")
+    if node.get("type").value == "bind":
+        if source.value is None:
             context.error(node, f"{name} is a bind without a source", "source: PATH")
         elif not (source.value.startswith("/") and ":" not in source.value):
-            entries["source"] = source.but(context.path(source.value))
-    target = entries.get("target")
-    if target is None:
+            node = node.having(source=source.but(context.path(source.value)))
+    if target.value is None:
         context.error(node, f"{name} has no target", "target: PATH in the container")
-    else:
-        entries["target"] = target.but(normpath(target.value))
-    return node.but(entries)
+        return node
+    return node.having(target=target.but(normpath(target.value)))
 
 
 def _health(node: Node, name: str, context: Context) -> Node:
-    test = node.mapping.get("test")
-    if test and (not test.items or test.items[0].value not in ("NONE", "CMD", "CMD-SHELL")):
+    test = node.get("test")
+    if test.value is not None and (not test.items or test.items[0].value not in ("NONE", "CMD", "CMD-SHELL")):
         message = f"{name}.test does not begin with NONE, CMD or CMD-SHELL"
         context.error(test, message, '["CMD", "curl", "..."], or text')
     return node
@@ -58,7 +55,7 @@ def _of_secret(plain: Any) -> object:
 
 
 ULIMITS = MapOf(Either(Section({"soft": INT, "hard": INT}, required=("soft", "hard")), INT))
-HOSTS = Changed(shorts.hosts, TEXTS)
+HOSTS = ListOf(TEXT, short=shorts.hosts, of=(dict, list), wanted="a mapping, or a list of HOST=ADDRESS")
 COUNT = Scalar("a number, or all", (int, str), shorts.count)
 _DEVICE = {**_keys(TEXTS, "capabilities device_ids"), "count": COUNT, "driver": TEXT, "options": Pairs()}
 HOOK = Section(
@@ -76,7 +73,7 @@ BUILD = Section(
         **_keys(LOOSE, "provenance sbom"),
         "context": PathOf(kept=is_remote),
         "args": Pairs(bare=True),
-        "ssh": Changed(lambda n, _, __: shorts.listed_pairs(n), TEXTS, dict),
+        "ssh": ListOf(TEXT, short=shorts.listed_pairs, of=dict),
         "labels": Pairs(),
         "additional_contexts": Contexts(),
         "shm_size": SIZE,
@@ -134,12 +131,12 @@ _DEPENDENCY = Section(
     required=("condition",),
     defaults={"required": True},
 )
-DEPENDS_ON = Changed(shorts.depends_on, MapOf(_DEPENDENCY), only=(list, str, int, float, bool))
+DEPENDS_ON = MapOf(_DEPENDENCY, short=shorts.depends_on, of=list, wanted="a list of services, or a mapping")
 HEALTHCHECK = Section(
     {
         "disable": BOOL,
         "retries": INT,
-        "test": Changed(shorts.health_test, ListOf(TEXT, replaced=True), str),
+        "test": ListOf(TEXT, replaced=True, short=shorts.health_test),
         **_keys(DURATION, "interval timeout start_period start_interval"),
     },
     finish=_health,
@@ -231,18 +228,20 @@ SERVICE = Section(
         "deploy": DEPLOY,
         "develop": Section({"watch": ListOf(_WATCH)}),
         "devices": ListOf(DEVICE, key=lambda device: device.get("target")),
-        "env_file": ListOf(ENV_FILE, single=True),
+        "env_file": one_or_many(ENV_FILE),
         "environment": Pairs(bare=True),
         "extends": Section(
             _keys(TEXT, "service file"), short=shorts.named("service"), required=("service",), extensible=False
         ),
         "extra_hosts": HOSTS,
-        "gpus": Changed(shorts.all_gpus, ListOf(Section(_DEVICE)), str),
+        "gpus": ListOf(Section(_DEVICE), short=shorts.all_gpus),
         "healthcheck": HEALTHCHECK,
-        "label_file": ListOf(PathOf(), single=True),
+        "label_file": one_or_many(PathOf()),
         "logging": Section({"driver": TEXT, "options": Pairs()}, same="driver"),
         "models": ANY,
-        "networks": MapOf(_SERVICE_NETWORK, names=True, null=True),
+        "networks": MapOf(
+            _SERVICE_NETWORK, null=True, short=shorts.names, of=list, wanted="a list of names, or a mapping"
+        ),
         "ports": ListOf(
             PORT,
             spread=shorts.ports,

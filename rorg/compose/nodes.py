@@ -68,6 +68,17 @@ class Node:
         """The entries of a mapping; empty for other values."""
         return self.value if isinstance(self.value, dict) else {}
 
+    def get(self, *path: str) -> Node:
+        """The value at a path of keys; a node with the value None if it is missing."""
+        node = self
+        for key in path:
+            node = node.mapping.get(key) or Node(None, self.where)
+        return node
+
+    def having(self, /, **entries: Node) -> Node:
+        """The mapping with more entries, or with others instead of its own."""
+        return self.but({**self.mapping, **entries})
+
     @property
     def items(self) -> list[Node]:
         return self.value if isinstance(self.value, list) else []

@@ -19,12 +19,10 @@ def normalised(
     tree: Node, name: str, directory: Path, assembler: Assembler, variables: Variables, profiles: Sequence[str]
 ) -> Project:
     """The project from a tree of canonical forms."""
-    sections: dict[str, dict[str, Node]] = {
-        key: dict(tree.mapping[key].mapping) if key in tree.mapping else {} for key in RESOURCES
-    }
+    sections = {key: dict(tree.get(key).mapping) for key in RESOURCES}
     services = {key: _service(node, assembler, variables) for key, node in sections["services"].items()}
     sections["services"] = services
-    if any("default" in node.mapping["networks"].mapping for node in services.values() if "networks" in node.mapping):
+    if any("default" in node.get("networks").mapping for node in services.values()):
         sections["networks"].setdefault("default", Node({}, tree.where))
     for kind in ("networks", "volumes", "configs", "secrets"):
         sections[kind] = {key: _named(key, node, name) for key, node in sections[kind].items() if not _extension(key)}
@@ -34,15 +32,13 @@ def normalised(
         for key, node in entries.items():
             _walk((kind, key), node, places, taken)
     of = {key: _profiles(node) for key, node in services.items()}
-    plain = {kind: {key: node.plain() for key, node in entries.items()} for kind, entries in sections.items()}
+    plain: dict[str, Any] = {
+        kind: {key: node.plain() for key, node in entries.items()} for kind, entries in sections.items()
+    }
     project = Project(
         name,
         directory,
-        plain["services"],
-        plain["networks"],
-        plain["volumes"],
-        plain["configs"],
-        plain["secrets"],
+        **plain,
         extensions={key: node.plain() for key, node in tree.mapping.items() if _extension(key)},
         enabled=frozenset(key for key in services if not of[key] or "*" in profiles or set(of[key]) & set(profiles)),
         profiles={key: names for key, names in of.items() if names},
@@ -59,7 +55,7 @@ def _extension(key: str) -> bool:
 
 
 def _profiles(node: Node) -> tuple[str, ...]:
-    return tuple(one.value for one in node.mapping["profiles"].items) if "profiles" in node.mapping else ()
+    return tuple(one.value for one in node.get("profiles").items)
 
 
 def _walk(path: Place, node: Node, places: dict[Place, Where], taken: dict[Place, tuple[str, ...]]) -> None:
@@ -82,18 +78,15 @@ def _named(key: str, node: Node, project: str) -> Node:
 
 def _service(node: Node, assembler: Assembler, variables: Variables) -> Node:
     entries = {key: one for key, one in node.mapping.items() if one.value is not None or _extension(key)}
-    environment = _environment(entries, assembler, variables)
-    if environment is not None:
-        entries["environment"] = environment
-    labels = _labels(entries, assembler, variables)
-    if labels is not None:
-        entries["labels"] = labels
+    if {"environment", "env_file"} & entries.keys():
+        entries["environment"] = _environment(node, assembler, variables)
+    if "label_file" in entries:
+        entries["labels"] = _labels(node, assembler, variables)
     if "secrets" in entries:
         entries["secrets"] = entries["secrets"].but([_mounted(one) for one in entries["secrets"].items])
     if "build" in entries:
         entries["build"] = _build(entries["build"], variables)
-    joins = "networks" in entries and entries["networks"].mapping
-    if not joins and "network_mode" not in entries and "provider" not in entries:
+    if not node.get("networks").mapping and "network_mode" not in entries and "provider" not in entries:
         entries["networks"] = Node({"default": Node({}, node.where)}, node.where)
     made = node.but(entries)
     _count_copies(made, assembler)
@@ -102,48 +95,40 @@ def _service(node: Node, assembler: Assembler, variables: Variables) -> Node:
 
 def _count_copies(service: Node, assembler: Assembler) -> None:
     """Counts each further copy of a service as a service of its own."""
-    deploy = service.mapping.get("deploy")
-    said = service.mapping.get("scale") or (deploy.mapping.get("replicas") if deploy else None)
-    if said is not None and isinstance(said.value, int) and said.value > 1:
+    said = service.mapping.get("scale") or service.get("deploy", "replicas")
+    if isinstance(said.value, int) and said.value > 1:
         assembler.files.spend((said.value - 1) * service.size(), said.where)
 
 
 def _mounted(secret: Node) -> Node:
     """A secret without a target is mounted in /run/secrets."""
-    source = secret.mapping.get("source")
-    if source is None or "target" in secret.mapping:
+    source = secret.get("source")
+    if source.value is None or "target" in secret.mapping:
         return secret
-    return secret.but({**secret.mapping, "target": source.but(f"/run/secrets/{source.value}")})
+    return secret.having(target=source.but(f"/run/secrets/{source.value}"))
 
 
 def _build(build: Node, variables: Variables) -> Node:
-    entries = dict(build.mapping)
-    if "dockerfile_inline" not in entries:
-        entries.setdefault("dockerfile", Node("Dockerfile", build.where))
-    args = entries.get("args")
-    if args:
-        entries["args"] = args.but({key: bare(key, one, variables) for key, one in args.mapping.items()})
-    return build.but(entries)
+    if not {"dockerfile", "dockerfile_inline"} & build.mapping.keys():
+        build = build.having(dockerfile=Node("Dockerfile", build.where))
+    args = {key: bare(key, one, variables) for key, one in build.get("args").mapping.items()}
+    return build.having(args=build.get("args").but(args)) if args else build
 
 
-def _environment(entries: dict[str, Node], assembler: Assembler, variables: Variables) -> Node | None:
+def _environment(service: Node, assembler: Assembler, variables: Variables) -> Node:
     """The env files in their order, with `environment` over them."""
-    said, files = entries.get("environment"), entries.get("env_file")
-    if said is None and files is None:
-        return None
     found: dict[str, Node] = {}
-    for file in files.items if files else ():
+    for file in service.get("env_file").items:
         found |= _of_file(file, assembler, variables, found)
-    for name, node in (said.mapping if said else {}).items():
-        found[name] = bare(name, node, variables)
-    return (said or files or Node({}, Where(""))).but(found)
+    said = service.get("environment")
+    found |= {name: bare(name, node, variables) for name, node in said.mapping.items()}
+    return (service.get("env_file") if said.value is None else said).but(found)
 
 
 def _of_file(file: Node, assembler: Assembler, variables: Variables, before: dict[str, Node]) -> dict[str, Node]:
     named = file.mapping["path"]
     path = Path(named.value)
-    required = file.mapping.get("required")
-    if required is not None and not required.value and not assembler.files.there(path):
+    if not file.get("required").value and not assembler.files.there(path):
         return {}
     text = assembler.files.text(path, named.where, "the env file")
     if text is None:
@@ -153,22 +138,18 @@ def _of_file(file: Node, assembler: Assembler, variables: Variables, before: dic
     earlier = {name: node.value for name, node in before.items() if node.value is not None}
     read = read_env_file(path, text, variables, assembler.diagnostics, raw, earlier)
     assembler.files.spend(len(read), named.where)
-    made: dict[str, Any] = {}
-    for name, (value, where, alone) in read.items():
-        made[name] = Node(value, where, where, taken=(name,) if alone else ())
-    return made
+    return {
+        name: Node(value, where, where, taken=(name,) if alone else ()) for name, (value, where, alone) in read.items()
+    }
 
 
-def _labels(entries: dict[str, Node], assembler: Assembler, variables: Variables) -> Node | None:
+def _labels(service: Node, assembler: Assembler, variables: Variables) -> Node:
     """The labels of `label_file`, with `labels` over them."""
-    files = entries.get("label_file")
-    if files is None:
-        return None
+    files, said = service.get("label_file"), service.get("labels")
     found: dict[str, Node] = {}
     for file in files.items:
         text = assembler.files.text(Path(file.value), file.where, "the file of labels")
         read = read_env_file(Path(file.value), text or "", variables, assembler.diagnostics)
         assembler.files.spend(len(read), file.where)
         found |= {name: Node(value or "", where, where) for name, (value, where, _) in read.items()}
-    said = entries.get("labels")
-    return (said or files).but({**found, **(said.mapping if said else {})})
+    return (files if said.value is None else said).but({**found, **said.mapping})

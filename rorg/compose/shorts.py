@@ -7,7 +7,7 @@ from typing import Any
 
 from rorg.compose.form import Context
 from rorg.compose.nodes import Node
-from rorg.compose.scalars import LOOSE
+from rorg.compose.scalars import LOOSE, TEXT
 
 _PORT = re.compile(
     r"(?:(?P<ip>\[[0-9a-fA-F:.]+\]|[0-9.]+|[0-9a-fA-F:]*::[0-9a-fA-F:]*?):(?=[0-9-]*:))?"
@@ -33,35 +33,36 @@ def _inner(node: Node, value: Any) -> Node:
     return inner
 
 
-def _text(node: Node, name: str, context: Context, wanted: str) -> str | None:
-    if isinstance(node.value, str):
-        return node.value
-    context.error(node, f"{name} is {node.kind()}, and must be {wanted}")
-    return None
-
-
 def named(key: str) -> Any:
     """A text stands for a mapping with this key: `build: .`, `extends: base`, `secrets: [token]`."""
-
-    def short(node: Node, name: str, context: Context) -> Node | None:
-        text = _text(node, name, context, "text or a mapping")
-        return None if text is None else made(node, {key: text})
-
-    return short
+    return lambda node, _name, _context: made(node, {key: node.value})
 
 
-def depends_on(node: Node, name: str, context: Context) -> Node | None:
-    """`[SERVICE]`: each of them is started first."""
-    if not isinstance(node.value, list):
-        context.error(node, f"{name} is {node.kind()}, and must be a list of services, or a mapping")
-        return None
+def names(node: Node, name: str, context: Context) -> Node:
+    """`[NAME]`: names without values."""
+    read = [TEXT.read(item, f"{name}[{index}]", context) for index, item in enumerate(node.items)]
+    return node.but({one.value: Node(None, one.where, one.where, taken=one.taken) for one in read if one})
+
+
+def pairs(node: Node, name: str, context: Context) -> Node:
+    """`[NAME=value]`; a bare NAME has no value."""
     found: dict[str, Node] = {}
-    for index, item in enumerate(node.value):
-        service = _text(item, f"{name}[{index}]", context, "the name of a service")
-        if service is not None:
-            one = made(item, {"condition": "service_started", "required": True})
-            one.key = item.where
-            found[service] = one
+    for index, item in enumerate(node.items):
+        if read := LOOSE.read(item, f"{name}[{index}]", context):
+            key, separator, value = read.value.partition("=")
+            found[key] = Node(value if separator else None, item.where, item.where, taken=item.taken)
+    return node.but(found)
+
+
+def depends_on(node: Node, name: str, context: Context) -> Node:
+    """`[SERVICE]`: each of them is started first."""
+    found: dict[str, Node] = {}
+    for index, item in enumerate(node.items):
+        if isinstance(item.value, str):
+            found[item.value] = made(item, {"condition": "service_started", "required": True})
+            found[item.value].key = item.where
+        else:
+            context.error(item, f"{name}[{index}] is {item.kind()}, and must be the name of a service")
     return node.but(found)
 
 
@@ -107,9 +108,7 @@ def is_path(source: str) -> bool:
 
 def volume(node: Node, name: str, context: Context) -> Node | None:
     """`[SOURCE:]TARGET[:FLAG,...]`. A source that does not start with `.`, `/` or `~` is the name of a volume."""
-    text = _text(node, name, context, "text or a mapping")
-    if text is None:
-        return None
+    text = node.value
     parts = text.split(":")
     if len(parts) > 3 or not all(parts):
         context.error(node, f"{name}: '{text}' is not a volume", "SOURCE:TARGET, SOURCE:TARGET:ro, or a mapping")
@@ -138,23 +137,16 @@ def volume(node: Node, name: str, context: Context) -> Node | None:
 
 def device(node: Node, name: str, context: Context) -> Node | None:
     """`SOURCE[:TARGET[:PERMISSIONS]]`."""
-    text = _text(node, name, context, "text or a mapping")
-    parts = (text or "").split(":")
-    if text is None:
-        return None
+    parts = node.value.split(":")
     if len(parts) > 3 or not all(parts):
-        context.error(node, f"{name}: '{text}' is not a device", "SOURCE, SOURCE:TARGET, or SOURCE:TARGET:rwm")
+        context.error(node, f"{name}: '{node.value}' is not a device", "SOURCE, SOURCE:TARGET, or SOURCE:TARGET:rwm")
         return None
-    source, target, permissions = [*parts, *("", "rwm")[len(parts) - 1 :]][:3] if len(parts) < 3 else parts
-    return made(node, {"source": source, "target": target or source, "permissions": permissions})
+    return made(node, dict(zip(("source", "target", "permissions"), parts, strict=False)))
 
 
-def whole_device(node: Node, name: str, context: Context) -> Node:  # noqa: ARG001
-    """Completes a long form."""
-    entries = dict(node.value)
-    if "source" in entries:
-        entries.setdefault("target", entries["source"])
-    return node.but(entries)
+def whole_device(node: Node, _name: str, _context: Context) -> Node:
+    """Completes a device: without a target, it has the same path in the container."""
+    return node if "target" in node.mapping else node.having(target=node.get("source"))
 
 
 def count(value: Any) -> int:
@@ -166,30 +158,26 @@ def count(value: Any) -> int:
     return int(value)
 
 
-def health_test(node: Node, name: str, context: Context) -> Node | None:
+def health_test(node: Node, _name: str, _context: Context) -> Node:
     """A single line, which a shell runs."""
-    text = _text(node, name, context, "text or a list")
-    return None if text is None else made(node, ["CMD-SHELL", text])
+    return made(node, ["CMD-SHELL", node.value])
 
 
-def hosts(node: Node, name: str, context: Context) -> Node | None:
+def hosts(node: Node, name: str, context: Context) -> Node:
     """`[HOST=ADDRESS]`, `[HOST:ADDRESS]`, or `{HOST: ADDRESS}`, also with a list of addresses: `[HOST=ADDRESS]`."""
-    if not isinstance(node.value, dict | list):
-        context.error(node, f"{name} is {node.kind()}, and must be a mapping, or a list of HOST=ADDRESS")
-        return None
     found: list[Node] = []
-    for key, item in node.mapping.items():
-        for address in item.value if isinstance(item.value, list) else [item]:
-            found.append(address.but(f"{key}={address.plain()}"))
+    for host, item in node.mapping.items():
+        addresses = item.items if isinstance(item.value, list) else [item]
+        found += [address.but(f"{host}={address.plain()}") for address in addresses]
     for index, item in enumerate(node.items):
         read = LOOSE.read(item, f"{name}[{index}]", context)
         if read is None:
             continue
-        host, separator, address = re.match(r"([^=:]*)([=:]?)(.*)", read.value, re.DOTALL).groups()  # type: ignore[union-attr]
-        if not host or not separator or not address:
+        line = re.fullmatch(r"([^=:]+)[=:](.+)", read.value, re.DOTALL)
+        if line is None:
             context.error(item, f"{name}: '{read.value}' is not a host with an address", "HOST=ADDRESS")
-            continue
-        found.append(read.but(f"{host}={address.strip('[]')}"))
+        else:
+            found.append(read.but(f"{line[1]}={line[2].strip('[]')}"))
     return node.but(found)
 
 
@@ -211,7 +199,7 @@ def external(node: Node, name: str, context: Context) -> Node:
     return node.but(entries)
 
 
-def listed_pairs(node: Node) -> Node:
+def listed_pairs(node: Node, _name: str, _context: Context) -> Node:
     """`{KEY: VALUE}` as `[KEY=VALUE]`."""
     return node.but([v.but(key if v.value is None else f"{key}={v.value}") for key, v in node.mapping.items()])
 
