@@ -13,7 +13,7 @@ from rorg.importing.compose_images import images
 from rorg.importing.compose_keys import NETWORK, VOLUME, Row
 from rorg.importing.compose_options import OF_THE_ENGINE
 from rorg.importing.compose_services import fixed_variables, services
-from rorg.importing.compose_work import SOUND, Work
+from rorg.importing.compose_work import SOUND, Work, nonempty
 from rorg.importing.manifests import Imported, Made
 from rorg.manifest.yaml_text import Noted
 
@@ -58,18 +58,14 @@ def _object(work: Work, kind: str, section: str, name: str, said: Mapping[str, A
             f"If Compose has already created {known}, write `external: true` and nothing else but the name."
         )
     spec: dict[str, Any] = {"name": Noted(known, NAMED)} if known != called else {}
-    for key in table:
-        if key not in ("name", "external", "ipam") and said.get(key) not in (None, {}, []):
-            spec[key] = said[key]
-    spec |= {"ipam": ipam} if (ipam := _ipam(said.get("ipam") or {})) else {}
-    return Made(kind, called, spec, tuple(comments))
+    spec |= nonempty({key: said.get(key) for key in table if key not in ("name", "external", "ipam")})
+    return Made(kind, called, spec | nonempty({"ipam": _ipam(said.get("ipam") or {})}), tuple(comments))
 
 
 def _ipam(said: Mapping[str, Any]) -> dict[str, Any]:
     """Without empty values: `ipam: {}` means nothing."""
-    pools = [{k: v for k, v in pool.items() if v not in (None, "", {})} for pool in said.get("config") or ()]
-    found = {"driver": said.get("driver"), "config": [p for p in pools if p], "options": said.get("options")}
-    return {k: v for k, v in found.items() if v}
+    pools = list(filter(None, map(nonempty, said.get("config") or ())))
+    return nonempty({"driver": said.get("driver"), "config": pools, "options": said.get("options")})
 
 
 def groups(work: Work) -> list[Made]:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from rorg.importing.compose_keys import BUILD
-from rorg.importing.compose_work import Work
+from rorg.importing.compose_work import Work, nonempty
 from rorg.importing.manifests import Made
 from rorg.model.image_names import NAME, plain, stem
 
@@ -63,20 +63,20 @@ def _image(work: Work, name: str, image: str, wanted: Mapping[str, str]) -> Made
     if REMOTE.match(context):
         work.refuse(f"rorg cannot build from {context}", *place, "context", remedy="a clone of it beside the manifests")
     _warn_of_manifests(work, image, context, place)
-    spec: dict[str, Any] = {"context": work.local(context, "images")}
-    dockerfile = _dockerfile(work, image, context, said)
-    spec |= {"dockerfile": dockerfile} if dockerfile not in ("", "Dockerfile") else {}
-    spec |= {"args": args} if (args := _args(work, said.get("args") or {}, place)) else {}
-    spec |= {"target": said["target"]} if said.get("target") else {}
-    spec |= {"cache_from": list(said["cache_from"])} if said.get("cache_from") else {}
-    if said.get("additional_contexts"):
-        spec["additional_contexts"] = _contexts(work, said["additional_contexts"], wanted, place)
-    platforms = said.get("platforms") or []
+    dockerfile, platforms = _dockerfile(work, image, context, said), said.get("platforms") or []
     if len(platforms) > 1:
         message = "build.platforms: rorg builds an image for only one platform"
         work.refuse(message, *place, "platforms", remedy="the robot's, or none for the platform of the machine")
-    spec |= {"platform": platforms[0]} if len(platforms) == 1 else {}
-    return Made("Image", image, spec, (f"From {work.origin(*place)}, service {name}.",))
+    spec = {
+        "context": work.local(context, "images"),
+        "dockerfile": dockerfile if dockerfile != "Dockerfile" else "",
+        "args": _args(work, said.get("args") or {}, place),
+        "target": said.get("target"),
+        "cache_from": said.get("cache_from"),
+        "additional_contexts": _contexts(work, said.get("additional_contexts") or {}, wanted, place),
+        "platform": "".join(platforms[:1]),
+    }
+    return Made("Image", image, nonempty(spec), (f"From {work.origin(*place)}, service {name}.",))
 
 
 def _warn_of_manifests(work: Work, image: str, context: str, place: tuple[str, ...]) -> None:

@@ -117,14 +117,16 @@ DEPLOY: Table = {
     "resources": LIMITS,
     "restart_policy": _to("spec.restart"),
 }
-RESOURCES: Table = {
-    "limits.cpus": _to("container.cpus"),
-    "limits.memory": _to("container.mem_limit"),
-    "limits.pids": _to("container.pids_limit"),
-    "reservations.cpus": _to("spec.resources.cpu"),
-    "reservations.devices": _to("container.gpus"),
-    "reservations.generic_resources": SWARM,
-    "reservations.memory": _to("spec.resources.memory, and container.mem_reservation"),
+LIMIT: Table = {
+    "cpus": _to("container.cpus"),
+    "memory": _to("container.mem_limit"),
+    "pids": _to("container.pids_limit"),
+}
+RESERVATION: Table = {
+    "cpus": _to("spec.resources.cpu"),
+    "devices": _to("container.gpus"),
+    "generic_resources": SWARM,
+    "memory": _to("spec.resources.memory, and container.mem_reservation"),
 }
 HEALTHCHECK = _table(
     "disable interval retries start_period test timeout",
@@ -177,7 +179,8 @@ TABLES: Mapping[str, Table] = {
     "service": SERVICE,
     "build": BUILD,
     "deploy": DEPLOY,
-    "resources": RESOURCES,
+    "limits": LIMIT,
+    "reservations": RESERVATION,
     "healthcheck": HEALTHCHECK,
     "service network": SERVICE_NETWORK,
     "network": NETWORK,

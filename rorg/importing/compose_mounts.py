@@ -6,67 +6,57 @@ from collections.abc import Mapping
 from typing import Any
 
 from rorg.importing.compose_keys import FILE, SERVICE_FILE
-from rorg.importing.compose_work import SOUND, Work, size
+from rorg.importing.compose_work import SOUND, Step, Work, nonempty, size
 
 BASES = {"configs": "/", "secrets": "/run/secrets/"}
 """Folders in the container for configs and secrets without an absolute target."""
 
 
+OWN = {
+    "bind": ("propagation", "selinux", "create_host_path"),
+    "volume": ("nocopy",),
+    "tmpfs": ("size", "mode"),
+}
+"""Type of a volume -> its own options that rorg has, too."""
+
+
 def volumes(work: Work, name: str, value: list[Mapping[str, Any]]) -> list[Any]:
     """All volumes of one service."""
-    found = [_volume(work, name, index, item) for index, item in enumerate(value)]
+    found = [_volume(work, item, ("services", name, "volumes", index)) for index, item in enumerate(value)]
     return [item for item in found if item is not None]
 
 
-def _volume(work: Work, name: str, index: int, said: Mapping[str, Any]) -> Any:
-    place = ("services", name, "volumes", index)
-    kind = said["type"]
-    if kind == "tmpfs":
-        return _tmpfs(said)
-    if kind not in ("bind", "volume"):
+def _volume(work: Work, said: Mapping[str, Any], place: tuple[Step, ...]) -> Any:
+    """A volume in its short form, `SOURCE:TARGET:MODES`, if that can express it."""
+    kind, target, source = said["type"], said["target"], said.get("source") or ""
+    if kind not in OWN:
         work.refuse(f"a volume of type {kind} cannot be carried over", *place, remedy="type: bind or volume")
         return None
-    own = said.get(kind) or {}
-    known = {"bind": ("create_host_path", "propagation", "selinux"), "volume": ("nocopy",)}[kind]
+    own = {key: one for key, one in nonempty(said.get(kind) or {}).items() if one is not False}
     for key in own:
-        if key not in known and not key.startswith("x-") and own[key] not in (None, {}, [], "", False):
+        if key not in OWN[kind] and not key.startswith("x-"):
             message = f"{kind}.{key} of a volume cannot be carried over: rorg has no such option"
             work.refuse(message, *place, kind, key, remedy="dropping it")
+    own = {key: own[key] for key in OWN[kind] if key in own}
+    modes = ["ro"] * bool(said.get("read_only"))
     if kind == "bind":
-        return _bind(work, said, own)
-    source = work.called("volumes", said["source"]) if said.get("source") else ""
-    return _named({**said, "source": source}, own)
-
-
-def _bind(work: Work, said: Mapping[str, Any], own: Mapping[str, Any]) -> Any:
-    source = work.local(said["source"])
-    if own.get("create_host_path") and ":" not in source and source.startswith(("/", "./", "../")):
-        modes = ["ro"] * bool(said.get("read_only")) + [own[k] for k in ("propagation", "selinux") if own.get(k)]
+        source = work.local(source)
+        modes += [own[key] for key in ("propagation", "selinux") if key in own]
         modes += [said["consistency"]] if said.get("consistency") else []
-        return ":".join([source, said["target"], *([",".join(modes)] if modes else [])])
-    rest = {k: own[k] for k in ("propagation", "selinux") if own.get(k)}
-    rest |= {"create_host_path": True} if own.get("create_host_path") else {}
-    return _long("bind", {**said, "source": source}, rest)
-
-
-def _named(said: Mapping[str, Any], own: Mapping[str, Any]) -> Any:
-    source = said.get("source") or ""
-    modes = ["ro"] * bool(said.get("read_only")) + ["nocopy"] * bool(own.get("nocopy"))
-    if not source:
-        return _long("volume", said, {"nocopy": True} if own.get("nocopy") else {}) if modes else said["target"]
-    return ":".join([source, said["target"], *([",".join(modes)] if modes else [])])
-
-
-def _tmpfs(said: Mapping[str, Any]) -> Any:
-    own = {k: size(v) if k == "size" else v for k, v in (said.get("tmpfs") or {}).items() if k in ("size", "mode")}
-    return _long("tmpfs", {k: v for k, v in said.items() if k != "source"}, own)
-
-
-def _long(kind: str, said: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
-    found = {"type": kind, **{k: said[k] for k in ("source", "target") if said.get(k)}}
-    found |= {"read_only": True} if said.get("read_only") else {}
-    found |= {"consistency": said["consistency"]} if said.get("consistency") else {}
-    return found | ({kind: dict(own)} if own else {})
+        short = "create_host_path" in own and ":" not in source and source.startswith(("/", "./", "../"))
+    elif kind == "volume":
+        source = work.called("volumes", source) if source else ""
+        modes += own.keys()
+        short = bool(source)
+        if not source and not modes:
+            return target
+    else:
+        own |= {"size": size(own["size"])} if "size" in own else {}
+        source, short = "", False
+    if short:
+        return ":".join([source, target, *([",".join(modes)] if modes else [])])
+    long = {"type": kind, "source": source, "target": target, "read_only": said.get("read_only") or None}
+    return nonempty({**long, "consistency": said.get("consistency"), kind: own})
 
 
 def files_of(work: Work, name: str, section: str) -> list[Any]:
@@ -105,12 +95,7 @@ def _file(work: Work, section: str, source: str, said: Mapping[str, Any]) -> str
         return ""
     path = f"{section}/{source}"
     if section == "secrets" and path not in work.files:
-        work.warn(
-            f"{path} holds a secret in plain text",
-            section,
-            source,
-            remedy="keeping it out of git",
-        )
+        work.warn(f"{path} holds a secret in plain text", section, source, remedy="keeping it out of git")
     work.files[path] = text
     work.private |= {path} if section == "secrets" else set()
     return f"../{path}"

@@ -8,7 +8,9 @@ from typing import Any
 
 from rorg.importing.compose_keys import HEALTHCHECK, SERVICE, SERVICE_NETWORK
 from rorg.importing.compose_mounts import volumes
-from rorg.importing.compose_work import Work, duration, size
+from rorg.importing.compose_work import Work, nonempty, size
+from rorg.model.options import OPTIONS
+from rorg.model.units import format_duration
 
 Form = Callable[[Work, str, Any], Any]
 """Converts a value; gets the service's name for messages."""
@@ -47,41 +49,27 @@ def _on_its_network(work: Work, name: str, found: dict[str, Any]) -> dict[str, A
     return {key: value for key, value in found.items() if key not in without}
 
 
-def _texts(value: Any) -> Any:
-    return [str(item) for item in value]
-
-
 def _rates(value: Mapping[str, Any]) -> Any:
-    found = dict(value)
-    for key, items in value.items():
-        if isinstance(items, list):
-            found[key] = [{**item, "rate": size(item["rate"])} if "rate" in item else dict(item) for item in items]
+    lists = {key: items for key, items in value.items() if isinstance(items, list)}
+    found = {key: [{k: size(v) if k == "rate" else v for k, v in one.items()} for one in lists[key]] for key in lists}
+    return {**value, **found}
+
+
+def _devices(value: list[Mapping[str, str]]) -> Any:
+    found = []
+    for item in value:
+        source, target, access = item["source"], item["target"], item["permissions"]
+        short = source if target == source else f"{source}:{target}"
+        found.append(short if access == "rwm" else f"{source}:{target}:{access}")
     return found
 
 
-def _devices(value: list[Any]) -> Any:
-    return [_device(item) if isinstance(item, Mapping) else item for item in value]
+def _hosts(value: list[str]) -> Any:
+    return [line.replace("=", ":", 1) for line in value]
 
 
-def _device(item: Mapping[str, Any]) -> str:
-    source, access = item["source"], item.get("permissions") or "rwm"
-    target = item.get("target") or source
-    if access != "rwm":
-        return f"{source}:{target}:{access}"
-    return str(source) if target == source else f"{source}:{target}"
-
-
-def _hosts(value: Any) -> Any:
-    if not isinstance(value, Mapping):
-        return [str(line).replace("=", ":", 1) for line in value]
-    lists = {host: [found] if isinstance(found, str) else found for host, found in value.items()}
-    return [f"{host}:{address}" for host, found in lists.items() for address in found]
-
-
-def gpus(value: Any) -> Any:
+def gpus(value: list[Mapping[str, Any]]) -> Any:
     """Requests for GPUs, from `gpus` or from the devices of a deployment."""
-    if not isinstance(value, list):
-        return value
     return [{k: "all" if k == "count" and v == -1 else v for k, v in item.items()} for item in value]
 
 
@@ -90,15 +78,12 @@ def _healthcheck(work: Work, name: str, value: Mapping[str, Any]) -> Any:
     carried = {k: v for k, v in value.items() if k in HEALTHCHECK and HEALTHCHECK[k].how == "carried"}
     if carried.get("disable"):
         return {"disable": True}
-    return {
-        k: duration(v) if k in ("interval", "timeout", "start_period") else v
-        for k, v in carried.items()
-        if v is not None
-    }
+    times = ("interval", "timeout", "start_period")
+    return {k: format_duration(v) if k in times else v for k, v in carried.items() if v is not None}
 
 
-def _ports(value: list[Any]) -> Any:
-    return [_port(item) if isinstance(item, Mapping) else str(item) for item in value]
+def _ports(value: list[Mapping[str, Any]]) -> Any:
+    return [_port(item) for item in value]
 
 
 def _port(item: Mapping[str, Any]) -> str:
@@ -118,10 +103,7 @@ def _networks(work: Work, name: str, value: Mapping[str, Any]) -> Any:
         work.check(SERVICE_NETWORK, said or {}, "services", name, "networks", network, shown=f"networks.{network}.")
         own = {k: v for k, v in (said or {}).items() if k in SERVICE_NETWORK and SERVICE_NETWORK[k].how == "carried"}
         names = dict.fromkeys([name, *(own.pop("aliases", None) or ()), *work.aliases.get(name, ())])
-        found[work.called("networks", network)] = {
-            "aliases": list(names),
-            **{k: v for k, v in own.items() if v not in (None, [], {})},
-        }
+        found[work.called("networks", network)] = {"aliases": list(names), **nonempty(own)}
     return found
 
 
@@ -161,9 +143,11 @@ def _plain(form: Callable[[Any], Any]) -> Form:
     return lambda _work, _name, value: form(value)
 
 
+BY_FORM: Mapping[str, Callable[[Any], Any]] = {"size": size, "duration": format_duration}
+"""The form of an option in the table of options -> its conversion."""
 FORMS: Mapping[str, Form] = {
+    **{name: _plain(BY_FORM[option.compose]) for name, option in OPTIONS.items() if option.compose in BY_FORM},
     "blkio_config": _plain(_rates),
-    "cpus": _plain(float),
     "devices": _plain(_devices),
     "extra_hosts": _plain(_hosts),
     "gpus": _plain(gpus),
@@ -172,11 +156,8 @@ FORMS: Mapping[str, Form] = {
     "networks": _networks,
     "ports": _plain(_ports),
     "security_opt": _security,
-    "stop_grace_period": _plain(duration),
     "volumes": volumes,
     "volumes_from": _volumes_from,
-    **dict.fromkeys(("expose", "group_add"), _plain(_texts)),
     **dict.fromkeys(("ipc", "network_mode", "pid"), _namespace),
-    **dict.fromkeys(("mem_limit", "mem_reservation", "memswap_limit", "shm_size"), _plain(size)),
 }
 """Keys whose value has a different form in rorg."""

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from math import ceil
 from pathlib import Path
 from typing import Any
 
-from rorg.importing.compose_keys import DEPLOY, RESOURCES, SERVICE
+from rorg.importing.compose_keys import DEPLOY, LIMIT, RESERVATION, SERVICE
 from rorg.importing.compose_mounts import files_of
 from rorg.importing.compose_options import gpus, options
-from rorg.importing.compose_work import SOUND, Work, duration, size
+from rorg.importing.compose_work import SOUND, Work, size
 from rorg.importing.manifests import NOTE, Made
 from rorg.manifest.dotenv import read_dotenv, values_of
 from rorg.manifest.yaml_text import Inline, Noted
 from rorg.model.diagnostics import Diagnostic
+from rorg.model.units import format_duration
 
 HEALTHY, COMPLETED = "service_healthy", "service_completed_successfully"
 RESTARTS = {"no": "never", "always": "always", "unless-stopped": "always"}
@@ -142,7 +143,7 @@ def _ready(work: Work, name: str, awaited: set[str]) -> Any:
     check = work.project.services[name].get("healthcheck") or {}
     interval, timeout = check.get("interval", INTERVAL), check.get("timeout", TIMEOUT)
     longest = check.get("start_period", 0.0) + (check.get("retries", RETRIES) + 1) * (interval + timeout)
-    return Inline({"engine": "healthy", "timeout": duration(float(ceil(max(LEAST, longest))))})
+    return Inline({"engine": "healthy", "timeout": format_duration(float(ceil(max(LEAST, longest))))})
 
 
 def _restart(work: Work, name: str, awaited: set[str]) -> Any:
@@ -186,29 +187,19 @@ def deploy_options(work: Work, name: str) -> tuple[dict[str, Any], dict[str, Any
     place = ("services", name, "deploy")
     work.check(DEPLOY, said, *place, shown="deploy.")
     resources = said.get("resources") or {}
-    for part in ("limits", "reservations"):
-        keys = {f"{part}.{key}": value for key, value in (resources.get(part) or {}).items()}
-        known = {key: value for key, value in keys.items() if RESOURCES.get(key) and RESOURCES[key].how != "translated"}
-        for key in known:
-            message = f"deploy.resources.{key} is not carried over: {RESOURCES[key].why}"
-            work.note(message, *place, "resources", *key.split("."))
     limits, reserved = resources.get("limits") or {}, resources.get("reservations") or {}
-    container: dict[str, Any] = {}
-    if limits.get("cpus"):
-        container["cpus"] = float(limits["cpus"])
-    if limits.get("memory"):
-        container["mem_limit"] = size(limits["memory"])
-    if limits.get("pids"):
-        container["pids_limit"] = int(limits["pids"])
-    if reserved.get("memory"):
-        container["mem_reservation"] = size(reserved["memory"])
-    if reserved.get("devices"):
-        container["gpus"] = gpus(reserved["devices"])
-    found: dict[str, Any] = {"cpu": float(reserved["cpus"])} if reserved.get("cpus") else {}
-    return found | ({"memory": size(reserved["memory"])} if reserved.get("memory") else {}), container
-
-
-Read = Callable[[Path], str]
+    for part, own, table in (("limits", limits, LIMIT), ("reservations", reserved, RESERVATION)):
+        work.check(table, own, *place, "resources", part, shown=f"deploy.resources.{part}.")
+    memory = size(reserved.get("memory", 0))
+    container = {
+        "cpus": limits.get("cpus"),
+        "mem_limit": size(limits.get("memory", 0)),
+        "pids_limit": limits.get("pids"),
+        "mem_reservation": memory,
+        "gpus": gpus(reserved.get("devices", [])),
+    }
+    found = {"cpu": reserved.get("cpus"), "memory": memory}
+    return {k: v for k, v in found.items() if v}, {k: v for k, v in container.items() if v}
 
 
 def environment(work: Work, name: str) -> dict[str, Any]:

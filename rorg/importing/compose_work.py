@@ -13,7 +13,6 @@ from rorg.compose.project import Project
 from rorg.importing.compose_keys import Row
 from rorg.importing.manifests import NOTE
 from rorg.model.diagnostics import Diagnostic
-from rorg.model.units import format_duration
 
 UNITS = (("Gi", 1 << 30), ("Mi", 1 << 20), ("Ki", 1 << 10))
 SOUND = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9_.-]{0,61}[A-Za-z0-9_-])?")
@@ -56,9 +55,7 @@ class Work:
 
     def check(self, table: Mapping[str, Row], said: Mapping[str, Any], *path: Step, shown: str = "") -> None:
         """Reports all keys of a section that are dropped or refused. `shown`: prefix of the keys in messages."""
-        for key, value in said.items():
-            if key.startswith("x-") or value in (None, {}, []):
-                continue
+        for key in (key for key, value in said.items() if not key.startswith("x-") and value not in (None, {}, [])):
             row = table.get(key)
             if row is None:
                 self.refuse(f"{shown}{key} is unknown to rorg", *path, key, remedy="dropping it")
@@ -104,13 +101,11 @@ def _below(path: str, top: Path) -> bool:
     return path == str(top) or path.startswith(f"{top}/")
 
 
-def size(value: Any) -> int | str:
+def size(value: int) -> int | str:
     """Bytes, in the largest exact unit."""
-    if not isinstance(value, int) or isinstance(value, bool):
-        return str(value)
     return next((f"{value // unit}{name}" for name, unit in UNITS if value > 0 and value % unit == 0), value)
 
 
-def duration(value: Any) -> str:
-    """Seconds, in the form of a manifest."""
-    return format_duration(value) if isinstance(value, int | float) else str(value)
+def nonempty(value: Mapping[str, Any]) -> dict[str, Any]:
+    """The entries that say something."""
+    return {key: item for key, item in value.items() if item not in (None, "", {}, [])}
