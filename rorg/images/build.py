@@ -5,10 +5,10 @@ from __future__ import annotations
 
 import contextlib
 import os
-import queue
 import re
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from dataclasses import replace
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -40,7 +40,15 @@ def build(
     """Carries out all orders, `jobs` of them in parallel, each worker with its own builder. Results are in the order of
     `orders`. `clock`: in seconds; `logs`: folder for the logs of builds. Once `stop` is set, nothing more begins, and
     running builds are ended. Raises Invalid if images are based on each other in a cycle."""
-    return _Build(orders, make_builder, clock, listener, stop or threading.Event(), logs).run(jobs)
+    known = {order.reference: order for order in orders}
+    sorter = TopologicalSorter({reference: [b for b in o.below if b in known] for reference, o in known.items()})
+    try:
+        sorter.prepare()
+    except CycleError as error:
+        cycle = " -> ".join(error.args[1])
+        raise Invalid("build", f"images are based on each other: {cycle}", "breaking the cycle") from error
+    most = min(jobs, sum(not _is_present(order) for order in known.values()))
+    return _Build(known, make_builder, clock, listener, stop or threading.Event(), logs).run(sorter, max(1, most))
 
 
 class _Build:
@@ -48,55 +56,48 @@ class _Build:
 
     def __init__(
         self,
-        orders: Sequence[Order],
+        orders: Mapping[str, Order],
         make_builder: Callable[[], Builder],
         clock: Callable[[], float],
         listener: Listener,
         stop: threading.Event,
         logs: Path | None,
     ) -> None:
-        self._orders = {order.reference: order for order in orders}
+        self._orders = orders
         self._make_builder, self._clock, self._listener, self._logs = make_builder, clock, listener, logs
         self._stop, self._cancelled, self._hearing = stop, threading.Event(), threading.Lock()
         self._results: dict[str, Result] = {}
-        self._todo: queue.SimpleQueue[Order | None] = queue.SimpleQueue()
-        self._done: queue.SimpleQueue[Result] = queue.SimpleQueue()
         self._builders: list[Builder] = []
+        self._own = threading.local()
 
-    def run(self, jobs: int) -> list[Result]:
-        sorter = TopologicalSorter({r: [b for b in o.below if b in self._orders] for r, o in self._orders.items()})
+    def run(self, sorter: TopologicalSorter[str], jobs: int) -> list[Result]:
+        pool = ThreadPoolExecutor(jobs, "build")
         try:
-            sorter.prepare()
-        except CycleError as error:
-            cycle = " -> ".join(error.args[1])
-            raise Invalid("build", f"images are based on each other: {cycle}", "breaking the cycle") from error
-        most = min(max(1, jobs), sum(not _is_present(order) for order in self._orders.values()))
-        workers = [threading.Thread(target=self._work, name=f"build-{n}", daemon=True) for n in range(most)]
-        for worker in workers:
-            worker.start()
-        try:
-            self._go_through(sorter)
+            self._go_through(sorter, pool)
         finally:
             if len(self._results) < len(self._orders):  # the caller was interrupted
                 self._cancel()
-            for _ in workers:
-                self._todo.put(None)
-            for worker in workers:
-                worker.join()
+            pool.shutdown(cancel_futures=True)
+            for builder in self._builders:
+                builder.close()
         return [self._results[reference] for reference in self._orders]
 
-    def _go_through(self, sorter: TopologicalSorter[str]) -> None:
+    def _go_through(self, sorter: TopologicalSorter[str], pool: Executor) -> None:
+        running = set[Future[Result]]()
         while sorter.is_active():
             ended = []
-            for reference in sorter.get_ready():
-                result = self._without_work(self._orders[reference])
-                if result is None:
-                    self._todo.put(self._orders[reference])
-                else:
+            for order in map(self._orders.__getitem__, sorter.get_ready()):
+                if result := self._without_work(order):
+                    self._tell_end(result)
                     ended.append(result)
+                else:
+                    running.add(pool.submit(self._work, order))
+            if not ended:
+                done, running = wait(running, TURN, FIRST_COMPLETED)
+                ended = [future.result() for future in done]
+            if self._stop.is_set():
+                self._cancel()
             for result in ended:
-                self._tell_end(result)
-            for result in ended or [self._next()]:
                 self._results[result.reference] = result
                 sorter.done(result.reference)
 
@@ -114,15 +115,6 @@ class _Build:
                 return Result(order.reference, "skipped", why)
         return None
 
-    def _next(self) -> Result:
-        """The next result. Checks now and then whether to stop."""
-        while True:
-            try:
-                return self._done.get(timeout=TURN)
-            except queue.Empty:
-                if self._stop.is_set():
-                    self._cancel()
-
     def _stopping(self) -> bool:
         return self._stop.is_set() or self._cancelled.is_set()
 
@@ -139,29 +131,27 @@ class _Build:
 
     # -- the workers -------------------------------------------------------------------------------------------
 
-    def _work(self) -> None:
-        builder: Builder | None = None
-        while (order := self._todo.get()) is not None:
-            began = self._clock()
-            try:
-                builder = builder or self._builder()
-                result = self._carry_out(order, builder)
-            except BaseException as error:  # the caller waits for a result, whatever happened
-                result = self._failure(order, error)
-            result = replace(result, seconds=self._clock() - began)
-            try:
-                self._tell_end(result)
-            except BaseException as error:
-                result = self._failure(order, error)
-            self._done.put(result)
-        if builder is not None:
-            builder.close()
+    def _work(self, order: Order) -> Result:
+        began = self._clock()
+        try:
+            result = self._carry_out(order, self._builder())
+        except BaseException as error:  # the caller waits for a result, whatever happened
+            result = self._failure(order, error)
+        result = replace(result, seconds=self._clock() - began)
+        try:
+            self._tell_end(result)
+        except BaseException as error:
+            result = self._failure(order, error)
+        return result
 
     def _builder(self) -> Builder:
-        builder = self._make_builder()
-        self._builders.append(builder)
-        if self._cancelled.is_set():
-            builder.cancel()
+        """The builder of this worker."""
+        if not hasattr(self._own, "builder"):
+            self._own.builder = self._make_builder()
+            self._builders.append(self._own.builder)
+            if self._cancelled.is_set():
+                self._own.builder.cancel()
+        builder: Builder = self._own.builder
         return builder
 
     def _carry_out(self, order: Order, builder: Builder) -> Result:
