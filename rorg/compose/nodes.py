@@ -16,7 +16,7 @@ from typing import Any
 
 import yaml
 
-from rorg.manifest.yaml_source import check_depth
+from rorg.manifest.yaml_source import UNREADABLE, check_size, not_yaml
 from rorg.model.diagnostics import Diagnostic, Where
 
 MOST_VALUES = 50_000
@@ -194,30 +194,12 @@ class _Reader:
                 self.error(one, "a merge key (<<) takes a mapping", "an alias of a mapping, or a list of aliases")
 
 
-def _check_size(text: str) -> None:
-    """Raises YAMLError for too many values, before an object of each exists. Every value but the first has one of these
-    characters directly before or after it."""
-    if 2 * sum(map(text.count, ",[{-:?")) < MOST_VALUES:
-        return
-    count = 0
-    for event in yaml.parse(text, Loader=_Loader):
-        count += isinstance(event, yaml.NodeEvent)
-        if count > MOST_VALUES:
-            mark: Any = event.start_mark
-            raise yaml.MarkedYAMLError(problem=f"more than {MOST_VALUES} values", problem_mark=mark)
-
-
 def read_nodes(text: str, file: str) -> tuple[list[Node], list[Diagnostic]]:
     """The documents of a file, which Compose merges, and its mistakes as YAML. `file` is used only in messages."""
     reader = _Reader(file)
     try:
-        check_depth(text)
-        _check_size(text)
+        check_size(text, MOST_VALUES)
         documents = [reader.read(node) for node in yaml.compose_all(text, Loader=_Loader) if node is not None]
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        where = Where(file, mark.line + 1, mark.column + 1) if mark else Where(file)
-        return [], [Diagnostic(where, f"not valid YAML: {error.problem or error.context}")]
-    except (yaml.YAMLError, RecursionError, UnicodeError) as error:
-        return [], [Diagnostic(Where(file), f"not valid YAML: {error}")]
+    except UNREADABLE as error:
+        return [], [not_yaml(error, file)]
     return documents, reader.diagnostics

@@ -164,19 +164,34 @@ class _Reader:
         return value
 
 
-def check_depth(text: str) -> None:
-    """Raises YAMLError if the nesting is too deep. Every level needs at least one of these characters."""
-    if sum(map(text.count, "[{-:?")) <= MAX_DEPTH:
+def check_size(text: str, most: float = math.inf) -> None:
+    """Raises YAMLError if the nesting is too deep, or for more than `most` values, before an object of each exists.
+    Every level needs at least one of these characters, and every value but the first has one directly before or after
+    it."""
+    signs = sum(map(text.count, ",[{-:?"))
+    if signs <= MAX_DEPTH and 2 * signs < most:
         return
-    depth = 0
+    depth = count = 0
     for event in yaml.parse(text, Loader=_Loader):
-        if isinstance(event, yaml.CollectionStartEvent):
-            depth += 1
-            if depth > MAX_DEPTH:
-                mark: Any = event.start_mark
-                raise yaml.MarkedYAMLError(problem=f"nested more than {MAX_DEPTH} deep", problem_mark=mark)
-        elif isinstance(event, yaml.CollectionEndEvent):
-            depth -= 1
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        count += isinstance(event, yaml.NodeEvent)
+        if depth > MAX_DEPTH or count > most:
+            why = f"nested more than {MAX_DEPTH} deep" if depth > MAX_DEPTH else f"more than {most} values"
+            mark: Any = event.start_mark
+            raise yaml.MarkedYAMLError(problem=why, problem_mark=mark)
+
+
+UNREADABLE = (yaml.YAMLError, RecursionError, UnicodeError)
+"""What PyYAML raises for a bad text."""
+
+
+def not_yaml(error: Exception, file: str) -> Diagnostic:
+    """Says why a text is not valid YAML."""
+    if not isinstance(error, yaml.MarkedYAMLError):
+        return Diagnostic(Where(file), f"not valid YAML: {error}")
+    mark = error.problem_mark or error.context_mark
+    where = Where(file, mark.line + 1, mark.column + 1) if mark else Where(file)
+    return Diagnostic(where, f"not valid YAML: {error.problem or error.context}")
 
 
 _ALLOW = re.compile(r"(?:^|\s)(#+\s*rorg:\s*allow\b[ \t]*([^\s:]*)[ \t]*:?[ \t]*(.*))$")
@@ -206,7 +221,7 @@ def read_yaml(
     of values, `items` the length of one list or mapping."""
     reader = _Reader(file, nul, most, items)
     try:
-        check_depth(text)
+        check_size(text)
         nodes = list(yaml.compose_all(text, Loader=_Loader))
         if len(nodes) > 1:
             reader.error(nodes[1], "a second document in one file", "one file for each document")
@@ -215,12 +230,8 @@ def read_yaml(
             return None, [Diagnostic(Where(file), "the document is empty", remedy, code="empty-document")]
         reader.document.value = reader.read(nodes[0])
         reader.document.allows = allows(text, file)
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        where = Where(file, mark.line + 1, mark.column + 1) if mark else Where(file)
-        return None, [Diagnostic(where, f"not valid YAML: {error.problem or error.context}")]
-    except (yaml.YAMLError, RecursionError, UnicodeError) as error:
-        return None, [Diagnostic(Where(file), f"not valid YAML: {error}")]
+    except UNREADABLE as error:
+        return None, [not_yaml(error, file)]
     return reader.document, reader.diagnostics
 
 
