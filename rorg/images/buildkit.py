@@ -5,15 +5,12 @@ from __future__ import annotations
 import functools
 import os
 import re
-import signal
 import subprocess
 import tempfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from rorg.errors import EngineError
-from rorg.host.commands import end
-from rorg.images.cancel import Cancellation
+from rorg.images.cancel import Cancellation, run_command
 from rorg.images.context import copy_context
 from rorg.images.ignore import NAME
 from rorg.images.order import Order, Say, StepFailed
@@ -109,26 +106,13 @@ def command_line(order: Order, image: Image, folder: Path) -> tuple[list[str], d
 
 
 def _run(command: list[str], variables: Mapping[str, str], order: Order, say: Say, cancellation: Cancellation) -> None:
-    try:
-        process = subprocess.Popen(
-            command,
-            env=variables,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
-        )
-    except OSError as error:
-        raise EngineError(f"build {order.name}", f"{command[0]}: {error.strerror}") from error
-    assert process.stdout
-    try:
-        with cancellation.by(lambda: os.killpg(process.pid, signal.SIGKILL)):  # the engine ends builds without a client
-            step, why = _read((line.decode(errors="replace") for line in process.stdout), say)
-        process.wait(PATIENCE)
-    finally:
-        end(process, signal.SIGTERM)
+    what = f"build {order.name}"
+    # If the command is killed, the engine ends the build.
+    with run_command(what, command, cancellation, stderr=subprocess.STDOUT, env=variables) as process:
+        assert process.stdout
+        step, why = _read((line.decode(errors="replace") for line in process.stdout), say)
     if process.returncode != 0:
-        raise StepFailed(f"build {order.name}", why, step)
+        raise StepFailed(what, why, step)
 
 
 def _read(lines: Iterable[str], say: Say) -> tuple[str, str]:

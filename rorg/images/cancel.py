@@ -1,12 +1,19 @@
-"""Lets one thread end the work of another."""
+"""Lets one thread end the work of another, such as a command."""
 
 from __future__ import annotations
 
 import contextlib
+import os
+import signal
+import subprocess
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
-from rorg.errors import NotReady
+from rorg.errors import EngineError, NotReady
+from rorg.host.commands import end
+
+PATIENCE = 10.0
+"""Seconds that a command may take to end after its output was read."""
 
 
 class Cancellation:
@@ -38,3 +45,39 @@ class Cancellation:
         finally:
             with self._guard, contextlib.suppress(ValueError):
                 self._ends.remove(end)
+
+
+@contextlib.contextmanager
+def run_command(
+    what: str,
+    command: Sequence[str],
+    cancellation: Cancellation,
+    *,
+    stderr: int,
+    cwd: str | None = None,
+    env: Mapping[str, str] | None = None,
+    remedy: str = "",
+) -> Iterator[subprocess.Popen[bytes]]:
+    """Runs a command, whose output the block reads. It has ended after the block. Raises EngineError if it cannot
+    run."""
+    try:
+        process = subprocess.Popen(
+            command,
+            cwd=cwd,
+            env=env,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=stderr,
+            start_new_session=True,
+        )
+    except OSError as error:
+        raise EngineError(what, f"{error.filename or command[0]}: {error.strerror}", remedy) from error
+    assert process.stdout
+    try:
+        with cancellation.by(lambda: os.killpg(process.pid, signal.SIGKILL)):
+            yield process
+        process.stdout.close()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(PATIENCE)
+    finally:
+        end(process, signal.SIGTERM)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import signal
 import subprocess
 import threading
 from collections.abc import Collection, Iterator
@@ -20,9 +19,8 @@ from rorg.engines.docker.answers import MOST_ANSWER, from_json
 from rorg.engines.docker.engine import DockerEngine
 from rorg.engines.docker.errors import REMEDY, docker_errors, refusal
 from rorg.errors import EngineError, RorgError, Unreachable
-from rorg.host.commands import end
 from rorg.images import buildkit, classic
-from rorg.images.cancel import Cancellation
+from rorg.images.cancel import PATIENCE, Cancellation, run_command
 from rorg.images.order import Order, Say
 from rorg.manifest.dockerfile import DockerfileError, rewritten
 from rorg.manifest.files import read_bytes
@@ -176,42 +174,24 @@ def dockerfile_of(order: Order, image: Image, buildkit: bool) -> bytes:
 
 SAID = 500
 """Bytes of the last output of a failed import command that are shown."""
-PATIENCE = 10.0
-"""Seconds that an import command may take to end after its output was read."""
 
 
 @contextlib.contextmanager
 def import_stream(image: Image, cancellation: Cancellation | None = None) -> Iterator[IO[bytes]]:
     """Runs an image's import command during the block; its standard output is the tar stream. If the command fails,
     raises EngineError with its last error output."""
-    try:
-        process = subprocess.Popen(
-            image.import_command or (),
-            cwd=image.directory,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            start_new_session=True,
-        )
-    except OSError as error:
-        raise EngineError(f"import {image.name}", str(error), "fixing spec.import") from error
-    assert process.stdout
-    assert process.stderr
-    said = bytearray()
-    listener = threading.Thread(target=_listen, args=(process.stderr, said), daemon=True)
-    listener.start()
-    try:
-        with (cancellation or Cancellation()).by(lambda: os.killpg(process.pid, signal.SIGKILL)):
-            yield process.stdout
-        process.stdout.close()
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            process.wait(PATIENCE)
-    finally:
-        end(process, signal.SIGTERM)
-        listener.join(PATIENCE)
+    what, remedy, command = f"import {image.name}", "fixing spec.import", image.import_command or ()
+    said, pipe, where = bytearray(), subprocess.PIPE, image.directory
+    running = run_command(what, command, cancellation or Cancellation(), stderr=pipe, cwd=where, remedy=remedy)
+    with running as process:
+        listener = threading.Thread(target=_listen, args=(process.stderr, said), daemon=True)
+        listener.start()
+        assert process.stdout
+        yield process.stdout
+    listener.join(PATIENCE)
     if process.returncode != 0:
         why = said.decode(errors="replace").strip()
-        raise EngineError(f"import {image.name}", why or f"exit code {process.returncode}", "fixing spec.import")
+        raise EngineError(what, why or f"exit code {process.returncode}", remedy)
 
 
 def _listen(pipe: IO[bytes], said: bytearray) -> None:

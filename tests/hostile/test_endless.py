@@ -227,7 +227,7 @@ def test_a_line_that_was_found_is_not_looked_for_again(running):
 
 
 def test_an_import_that_says_much_is_not_held_up(tmp_path, monkeypatch):
-    monkeypatch.setattr("rorg.images.docker.PATIENCE", 0.5)
+    monkeypatch.setattr("rorg.images.cancel.PATIENCE", 0.5)
 
     def image(script: str) -> Image:
         return Image("x", None, "Dockerfile", {}, ("sh", "-c", script), str(tmp_path))
