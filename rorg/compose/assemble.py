@@ -35,11 +35,10 @@ class Layer:
 
 @dataclass
 class Assembler:
-    """State shared by all files of a project. Every mistake goes into `diagnostics`."""
+    """State shared by all files of a project. Every mistake goes into the diagnostics of `files`."""
 
     files: Files
     home: str
-    diagnostics: list[Diagnostic] = field(default_factory=list)
     paths: dict[Path, None] = field(default_factory=dict)
     """All files that were read."""
     layers: dict[tuple[Path, Path, int], list[Layer]] = field(default_factory=dict)
@@ -71,16 +70,16 @@ class Assembler:
             return []
         self.paths[path] = None
         documents, mistakes = read_nodes(text, str(path))
-        self.diagnostics += mistakes
+        self.files.diagnostics += mistakes
         self.documents += max(1, len(documents))
         if self.documents > MOST_LAYERS:
             raise TooMuch(
                 where, f"the project has more than {MOST_LAYERS} files and documents, counted as they are read"
             )
         self.files.spend(sum(document.size() for document in documents), where)
-        context = Context(directory, self.home, self.diagnostics, self.files.spend, self.files.near)
+        context = Context(directory, self.home, self.files)
         for document in documents:
-            written = fill(document, variables, self.diagnostics)
+            written = fill(document, variables, self.files.diagnostics)
             tree = FILE.read(without_resets(written), "", context)
             if tree is not None:
                 self.layers[key].append(Layer(path, written, tree))
@@ -108,7 +107,7 @@ class Assembler:
             ring = [one for _, one in trail[trail.index((layer.path, name)) :]]
             if name == min(ring):  # every service of the cycle leads here once: report it only once
                 message = f"services extend each other: {' -> '.join([*ring, name])}"
-                self.diagnostics.append(Diagnostic(target.where, message, "removing one `extends`"))
+                self.files.diagnostics.append(Diagnostic(target.where, message, "removing one `extends`"))
             return own
         if len(trail) > MOST_EXTENDS:
             raise TooMuch(
@@ -133,7 +132,7 @@ class Assembler:
         layers, where = [layer], directory
         file = extends.get("file")
         if file.value:
-            path = Path(Context(directory, self.home).path(file.value))
+            path = Path(Context(directory, self.home, self.files).path(file.value))
             layers, where = self.read(path, path.parent, variables, file.where), path.parent
             if not layers:
                 return None
@@ -142,7 +141,7 @@ class Assembler:
             known = [known for one in layers for known in one.services if known != name]
             inside = f" in {layers[0].path}" if file.value else ""
             message = f"service '{name}' extends '{target.value}', which does not exist{inside}"
-            self.diagnostics.append(Diagnostic(target.where, message, self.files.near(target.value, known)))
+            self.files.diagnostics.append(Diagnostic(target.where, message, self.files.near(target.value, known)))
             return None
         return found, where
 
@@ -150,16 +149,16 @@ class Assembler:
         self, total: Node, entry: Node, directory: Path, variables: Variables, trail: tuple[Path, ...]
     ) -> Node:
         """A tree merged with what one entry of `include` adds."""
-        context = Context(directory, self.home)
+        context = Context(directory, self.home, self.files)
         paths = [Path(context.path(one.value)) for one in entry.get("path").items]
         if not paths or len(trail) > MOST_INCLUDES:
-            self.diagnostics.append(
+            self.files.diagnostics.append(
                 Diagnostic(entry.where, "an include without a path, or nested too deep", "path: FILE")
             )
             return total
         if paths[0] in trail:
             ring = " -> ".join(path.name for path in (*trail[trail.index(paths[0]) :], paths[0]))
-            self.diagnostics.append(
+            self.files.diagnostics.append(
                 Diagnostic(entry.where, f"files include each other: {ring}", "removing one include")
             )
             return total
@@ -177,7 +176,7 @@ class Assembler:
         text = self.files.text(path, where, "the env file")
         if text is not None:
             self.paths[path] = None
-            variables.add_file(path, text, self.diagnostics)
+            variables.add_file(path, text, self.files.diagnostics)
 
     def joined(self, total: Node, other: Node) -> Node:
         """A tree merged with an included one. The same name in both is a mistake, unless both definitions are equal."""
@@ -190,7 +189,7 @@ class Assembler:
                 if before is not None and before.plain() != node.plain():
                     message = f"{section}.{name} is also in the included file {node.place.file}"
                     remedy = "another name, or compose.override.yaml beside the included file in its 'path'"
-                    self.diagnostics.append(Diagnostic(before.place, message, remedy))
+                    self.files.diagnostics.append(Diagnostic(before.place, message, remedy))
                     continue
                 ours.setdefault(name, node)
             total = total.having(**{section: (total.mapping.get(section) or other.get(section)).but(ours)})

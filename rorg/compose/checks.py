@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from rorg.compose.form import Suggestions
 from rorg.compose.project import Place, Project
+from rorg.compose.variables import Suggestions
 from rorg.model.diagnostics import Diagnostic
 
 _SAME = (

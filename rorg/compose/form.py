@@ -3,32 +3,13 @@ it with what a later file says."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from os.path import normpath
 from pathlib import Path
 
 from rorg.compose.nodes import Node
-from rorg.model.diagnostics import Diagnostic, Where, nearest
-
-MOST_COMPARED = 20_000
-"""Names compared for one project. Some hundred mistakes in a project of a hundred services need fewer."""
-LONGEST = 100
-"""Characters of a name that is compared."""
-
-
-class Suggestions:
-    """Suggests similar names, within a limit for the whole project."""
-
-    def __init__(self) -> None:
-        self._compared = 0
-
-    def __call__(self, name: str, known: Collection[str]) -> str:
-        """A remedy as nearest() gives it; empty once too many names were compared."""
-        self._compared += len(known)
-        if self._compared > MOST_COMPARED or len(name) > LONGEST:
-            return ""
-        return nearest(name, [one for one in known if len(one) <= LONGEST])
+from rorg.compose.variables import Files
+from rorg.model.diagnostics import Diagnostic
 
 
 @dataclass
@@ -38,16 +19,14 @@ class Context:
     directory: Path
     """Relative paths start here."""
     home: str
-    diagnostics: list[Diagnostic] = field(default_factory=list)
-    spend: Callable[[int, Where], None] = lambda _values, _where: None
-    """Counts the values that a short form expands to."""
-    near: Suggestions = field(default_factory=Suggestions)
+    files: Files
+    """Of the whole project."""
 
     def error(self, node: Node, message: str, remedy: str = "", key: bool = False) -> None:
-        self.diagnostics.append(Diagnostic(node.place if key else node.where, message, remedy))
+        self.files.diagnostics.append(Diagnostic(node.place if key else node.where, message, remedy))
 
     def warn(self, node: Node, message: str, remedy: str) -> None:
-        self.diagnostics.append(Diagnostic(node.where, message, remedy, "warning"))
+        self.files.diagnostics.append(Diagnostic(node.where, message, remedy, "warning"))
 
     def path(self, text: str) -> str:
         """An absolute path, as Compose makes it; `~` is the reader's home."""

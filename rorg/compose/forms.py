@@ -195,7 +195,7 @@ class Section(Compound):
                     found[key] = one
             else:
                 inside = f"in {name}" if name else "at the top"
-                context.error(value, f"unknown key '{key}' {inside}", context.near(key, self.keys), key=True)
+                context.error(value, f"unknown key '{key}' {inside}", context.files.near(key, self.keys), key=True)
         return found
 
     def merge(self, base: Node, over: Node) -> Node:

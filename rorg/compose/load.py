@@ -64,7 +64,7 @@ def _project(
     profiles: Sequence[str],
     name: str | None,
 ) -> Project:
-    assembler = Assembler(files, environment.get("HOME", ""), files.diagnostics)
+    assembler = Assembler(files, environment.get("HOME", ""))
     found = [Path(os.path.abspath(path)) for path in _files(paths, files)]
     base = Path(os.path.abspath(directory)) if directory else found[0].parent
     outside = dict(environment)

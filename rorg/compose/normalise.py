@@ -136,7 +136,7 @@ def _of_file(file: Node, assembler: Assembler, variables: Variables, before: dic
     assembler.paths[path] = None
     raw = "format" in file.mapping
     earlier = {name: node.value for name, node in before.items() if node.value is not None}
-    read = read_env_file(path, text, variables, assembler.diagnostics, raw, earlier)
+    read = read_env_file(path, text, variables, assembler.files.diagnostics, raw, earlier)
     assembler.files.spend(len(read), named.where)
     return {
         name: Node(value, where, where, taken=(name,) if alone else ()) for name, (value, where, alone) in read.items()
@@ -149,7 +149,7 @@ def _labels(service: Node, assembler: Assembler, variables: Variables) -> Node:
     found: dict[str, Node] = {}
     for file in files.items:
         text = assembler.files.text(Path(file.value), file.where, "the file of labels")
-        read = read_env_file(Path(file.value), text or "", variables, assembler.diagnostics)
+        read = read_env_file(Path(file.value), text or "", variables, assembler.files.diagnostics)
         assembler.files.spend(len(read), file.where)
         found |= {name: Node(value or "", where, where) for name, (value, where, _) in read.items()}
     return (files if said.value is None else said).but({**found, **said.mapping})

@@ -80,7 +80,7 @@ def ports(node: Node, name: str, context: Context) -> list[Node]:
     if targets is None or published is None or (len(targets) > 1 and len(published) not in (0, len(targets))):
         context.error(node, f"{name}: the ranges of '{text}' do not fit", "ranges of equal length, within 1-65535")
         return []
-    context.spend(5 * len(targets), node.where)
+    context.files.spend(5 * len(targets), node.where)
     fixed: dict[str, Any] = {"mode": "ingress", "protocol": found["protocol"] or "tcp"}
     if found["ip"]:
         fixed["host_ip"] = found["ip"].strip("[]")

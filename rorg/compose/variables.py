@@ -2,22 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from rorg.compose.form import Suggestions
 from rorg.compose.nodes import MOST_VALUES, Node
 from rorg.compose.project import Variable
 from rorg.manifest.dotenv import read_dotenv
 from rorg.manifest.files import Outside
 from rorg.manifest.template import Refused, interpolate
 from rorg.model.bounds import TooMuch
-from rorg.model.diagnostics import Diagnostic, Where
+from rorg.model.diagnostics import Diagnostic, Where, nearest
 
 OF_A_VALUE, OF_A_FILE = 64, 32
 """Characters of filled-in variables, and of an env file, that count as one value."""
 MISSING = (FileNotFoundError, NotADirectoryError, IsADirectoryError)
+
+
+MOST_COMPARED = 20_000
+"""Names compared for one project. Some hundred mistakes in a project of a hundred services need fewer."""
+LONGEST = 100
+"""Characters of a name that is compared."""
+
+
+class Suggestions:
+    """Suggests similar names, within a limit for the whole project."""
+
+    def __init__(self) -> None:
+        self._compared = 0
+
+    def __call__(self, name: str, known: Collection[str]) -> str:
+        """A remedy as nearest() gives it; empty once too many names were compared."""
+        self._compared += len(known)
+        if self._compared > MOST_COMPARED or len(name) > LONGEST:
+            return ""
+        return nearest(name, [one for one in known if len(one) <= LONGEST])
 
 
 @dataclass
