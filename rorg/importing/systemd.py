@@ -24,7 +24,11 @@ LIMITS = {
     **{f"Limit{k.upper()}": k for k in ("core", "cpu", "data", "fsize", "memlock", "msgqueue", "nice", "nofile")},
     **{f"Limit{k.upper()}": k for k in ("nproc", "rss", "rtprio", "rttime", "sigpending", "stack")},
 }
-SILENT = frozenset(("After", "Before", "DefaultDependencies", "Documentation", "Type", "WantedBy", "Alias", "Group"))
+SILENT = {
+    *("After", "Alias", "Before", "BindsTo", "Conflicts", "DefaultDependencies", "Description", "Documentation"),
+    *("ExecStart", "ExecStartPre", "Group", "RequiredBy", "Requires", "Requisite", "Restart", "Type", "WantedBy"),
+    "Wants",
+}
 """Handled elsewhere, or meaningless here: rorg starts needed services first anyway."""
 REMEDIES = {
     "ExecStop": "container: {stop_signal: ...}",
@@ -89,7 +93,7 @@ class _Service:
                 READ[key](self, self.unit.last(key))
             elif key in LIMITS:
                 self._limit(LIMITS[key], self.unit.last(key))
-            elif key not in SILENT and key not in HANDLED:
+            elif key not in SILENT:
                 self.tell(key, f"{key} is not carried over", REMEDIES.get(key, ""))
         if self.container:
             self.spec["container"] = self.container
@@ -198,7 +202,8 @@ class _Service:
         elif (number := number_of(value)) is not None:
             self.container["mem_limit"] = number
         elif value != "infinity":
-            self.drop("MemoryMax", value, "container: {mem_limit: 512Mi}")
+            key = next(k for k in ("MemoryMax", "MemoryLimit") if k in self.unit.settings)
+            self.drop(key, value, "container: {mem_limit: 512Mi}")
 
     def quota(self, value: str) -> None:
         """A limit in percent of one CPU."""
@@ -228,10 +233,6 @@ READ: Mapping[str, Callable[[_Service, str], None]] = {
     "TimeoutStopSec": _Service.time,
     "User": _Service.user,
     "WorkingDirectory": lambda service, value: service.container.update(working_dir=value.removeprefix("-")),
-}
-HANDLED = {
-    *("BindsTo", "Conflicts", "Description", "ExecStart", "ExecStartPre", "RequiredBy", "Requires", "Requisite"),
-    *("Restart", "Wants"),
 }
 
 
