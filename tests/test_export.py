@@ -12,8 +12,7 @@ from commands import rorg
 from conftest import ROOT
 
 from rorg.compose.writer import dotenv, project
-from rorg.compose.writer_images import CARRIED, DERIVED
-from rorg.compose.writer_notes import ELSEWHERE, SERVICE
+from rorg.compose.writer_notes import SERVICE
 from rorg.compose.writer_options import OPTIONS, beside
 from rorg.manifest.container import ContainerOptions
 from rorg.model.catalog import Image, Service
@@ -21,6 +20,18 @@ from rorg.model.catalog import Image, Service
 CASE = ROOT / "tests/cases/export/robot"
 """A robot with every option. `compose.yaml` is what is written of it; Compose 2.26.1 takes it, and answers what stands
 in `config.json` to `docker compose config --format json`, with paths relative to the case."""
+
+CARRIED = {
+    *("name", "context", "dockerfile", "args", "target", "platform", "stand_ins", "cache_from", "inline", "secrets"),
+}
+"""Fields of an Image that the file contains; `import_command` has a note."""
+DERIVED = {"directory", "where", "bases", "reference"}
+"""Fields that follow from others."""
+ELSEWHERE = {
+    *("name", "spec", "needs", "joins", "restarts_with", "restart", "secrets", "description"),
+    *("meta", "cpu", "memory", "driver", "unplugged", "defaults", "origins", "where"),
+}
+"""Fields of a Service that the file contains, or that another field's row covers."""
 
 
 @pytest.fixture(scope="module")

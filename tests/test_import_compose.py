@@ -14,8 +14,8 @@ from compose_cases import CASES, environment_of, load_from
 from conftest import ROOT
 
 from rorg.compose.load import load as read_project
+from rorg.importing import compose_keys
 from rorg.importing.compose import from_compose
-from rorg.importing.compose_keys import TABLES
 from rorg.importing.manifests import Imported
 from rorg.manifest.load import load
 from rorg.manifest.yaml_text import plain
@@ -54,6 +54,21 @@ def write(found: Imported, tree: Path) -> Path:
         (tree / name).parent.mkdir(parents=True, exist_ok=True)
         (tree / name).write_text(text)
     return tree
+
+
+TABLES = {
+    "service": compose_keys.SERVICE,
+    "build": compose_keys.BUILD,
+    "deploy": compose_keys.DEPLOY,
+    "limits": compose_keys.LIMIT,
+    "reservations": compose_keys.RESERVATION,
+    "healthcheck": compose_keys.HEALTHCHECK,
+    "service network": compose_keys.SERVICE_NETWORK,
+    "network": compose_keys.NETWORK,
+    "volume": compose_keys.VOLUME,
+    "config or secret": compose_keys.FILE,
+    "config or secret of a service": compose_keys.SERVICE_FILE,
+}
 
 
 def test_every_key_of_compose_has_a_row():

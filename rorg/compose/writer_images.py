@@ -10,13 +10,6 @@ from rorg.manifest.build_contexts import FILES
 from rorg.model.catalog import Catalog, Image, Service
 from rorg.model.image_names import declared
 
-CARRIED = {
-    *("name", "context", "dockerfile", "args", "target", "platform", "stand_ins", "cache_from", "inline", "secrets"),
-}
-"""Fields of an Image that the file contains; `import_command` has a note."""
-DERIVED = {"directory", "where", "bases", "reference"}
-"""Fields that follow from others."""
-
 
 def build(image: Image, images: Mapping[str, Image], base: str) -> dict[str, Any]:
     """How Compose builds an image. `base`: absolute directory of the Compose file. A secret argument has no value in

@@ -79,11 +79,6 @@ SERVICE: tuple[tuple[str, Say], ...] = (
     ("labels", lambda s: ", ".join(f"{k}: {v}" for k, v in sorted(s.labels.items()))),
 )
 """Field of a Service -> what is lost of it; empty if it is not set. `labels` are those of metadata."""
-ELSEWHERE = {
-    *("name", "spec", "needs", "joins", "restarts_with", "restart", "secrets", "description"),
-    *("meta", "cpu", "memory", "driver", "unplugged", "defaults", "origins", "where"),
-}
-"""Fields of a Service that the file contains, or that another field's row covers."""
 
 
 def notes_of(catalog: Catalog) -> Iterator[Note]:

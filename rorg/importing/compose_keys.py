@@ -164,27 +164,3 @@ SERVICE_FILE: Table = {
     **dict.fromkeys(("source", "target"), _to("a volume")),
 }
 """Of configs and secrets of a service."""
-TOP: Table = {
-    "configs": MOUNTED,
-    "models": MODELS,
-    "name": _to("names of containers, networks and volumes"),
-    "networks": _to("manifests of kind Network"),
-    "secrets": MOUNTED,
-    "services": _to("manifests of kind Service"),
-    "volumes": _to("manifests of kind Volume"),
-    **dict.fromkeys(("include", "version"), CONSUMED),
-}
-TABLES: Mapping[str, Table] = {
-    "top": TOP,
-    "service": SERVICE,
-    "build": BUILD,
-    "deploy": DEPLOY,
-    "limits": LIMIT,
-    "reservations": RESERVATION,
-    "healthcheck": HEALTHCHECK,
-    "service network": SERVICE_NETWORK,
-    "network": NETWORK,
-    "volume": VOLUME,
-    "config or secret": FILE,
-    "config or secret of a service": SERVICE_FILE,
-}
