@@ -4,7 +4,7 @@ Its services get a common profile that adds nothing, so that rorg creates the sa
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,33 +21,31 @@ NAMED = "as Compose calls it"
 
 
 def networks(work: Work) -> list[Made]:
-    """Networks that a service is in."""
+    """Networks that a service is in, without those that the engine always has."""
     used = {n for said in work.project.services.values() for n in said.get("networks") or ()}
-    found = []
-    for name, said in work.project.networks.items():
-        if name in used and work.known("networks", name) in OF_THE_ENGINE:
-            continue
-        if name in used:
-            found.append(_object(work, "Network", "networks", name, said, NETWORK))
-        else:
-            work.note(f"no service is in the network {name}, so it gets no manifest", "networks", name)
-    return found
+    engines = {n for n in used if work.known("networks", n) in OF_THE_ENGINE}
+    names = _used(work, "networks", used, "no service is in the network")
+    return [_object(work, "Network", "networks", name, NETWORK) for name in names if name not in engines]
 
 
 def volumes(work: Work) -> list[Made]:
     """Volumes that a service mounts."""
     mounts = [m for said in work.project.services.values() for m in said.get("volumes") or ()]
-    used = {m.get("source") for m in mounts if m["type"] == "volume"}
-    found = []
-    for name, said in work.project.volumes.items():
-        if name in used:
-            found.append(_object(work, "Volume", "volumes", name, said, VOLUME))
-        else:
-            work.note(f"no service mounts the volume {name}, so it gets no manifest", "volumes", name)
-    return found
+    used = {m.get("source") or "" for m in mounts if m["type"] == "volume"}
+    names = _used(work, "volumes", used, "no service mounts the volume")
+    return [_object(work, "Volume", "volumes", name, VOLUME) for name in names]
 
 
-def _object(work: Work, kind: str, section: str, name: str, said: Mapping[str, Any], table: Mapping[str, Row]) -> Made:
+def _used(work: Work, section: str, used: Collection[str], otherwise: str) -> list[str]:
+    """The names of a section that are used, with a note on each of the others."""
+    names: Mapping[str, Any] = getattr(work.project, section)
+    for name in names.keys() - used:
+        work.note(f"{otherwise} {name}, so it gets no manifest", section, name)
+    return [name for name in names if name in used]
+
+
+def _object(work: Work, kind: str, section: str, name: str, table: Mapping[str, Row]) -> Made:
+    said: Mapping[str, Any] = getattr(work.project, section)[name]
     work.check(table, said, section, name, shown=f"{section}.{name}.")
     called, known = work.called(section, name), work.known(section, name)
     comments = [f"From {work.origin(section, name)}, {kind.lower()} {name}."]

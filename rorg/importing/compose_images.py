@@ -8,12 +8,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from rorg.compose.forms import is_remote
 from rorg.importing.compose_keys import BUILD
 from rorg.importing.compose_work import Work, nonempty
 from rorg.importing.manifests import Made
 from rorg.model.image_names import NAME, plain, stem
 
-REMOTE = re.compile(r"[a-z]+://|git@|github\.com/")
 REFERENCES = ("docker-image://", "image:")
 
 
@@ -60,7 +60,7 @@ def _image(work: Work, name: str, image: str, wanted: Mapping[str, str]) -> Made
     place = ("services", name, "build")
     work.check(BUILD, said, *place, shown="build.")
     context = str(said.get("context") or work.project.directory)
-    if REMOTE.match(context):
+    if is_remote(context):
         work.refuse(f"rorg cannot build from {context}", *place, "context", remedy="a clone of it beside the manifests")
     _warn_of_manifests(work, image, context, place)
     dockerfile, platforms = _dockerfile(work, image, context, said), said.get("platforms") or []
@@ -112,7 +112,7 @@ def _contexts(work: Work, said: Mapping[str, str], wanted: Mapping[str, str], pl
     for name, value in said.items():
         if value.startswith("service:"):
             found[name] = wanted.get(value.removeprefix("service:"), value)
-        elif REMOTE.match(value) and not value.startswith(REFERENCES):
+        elif is_remote(value) and not value.startswith(REFERENCES):
             message = f"build.additional_contexts.{name}: rorg cannot build from {value}"
             work.refuse(message, *place, "additional_contexts", name, remedy="a clone of it beside the manifests")
         else:
