@@ -7,7 +7,7 @@ import json
 import tarfile
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
-from typing import IO, Any
+from typing import IO
 
 from rorg.errors import Invalid
 from rorg.images.records import Built
@@ -38,16 +38,7 @@ def read_records(file: IO[bytes], name: str) -> dict[str, Built]:
         content = file.read(member.size)
         if len(content) < member.size:
             raise ValueError("it ends too early")
-        return {str(identity): _built(entry) for identity, entry in json.loads(content).items()}
+        return {str(identity): Built.read(entry) for identity, entry in json.loads(content).items()}
     except (tarfile.TarError, ValueError, TypeError, AttributeError, RecursionError) as error:
         remedy = "one that `rorg image save` wrote"
         raise Invalid(f"load {name}", f"it is not an archive of images: {error}", remedy) from error
-
-
-def _built(entry: Any) -> Built:
-    """A record from an archive. Raises TypeError if it is not valid."""
-    found = Built(**entry)
-    texts = (found.name, found.reference, found.id, found.at, *found.bases, *found.bases.values())
-    if not all(isinstance(text, str) for text in texts):
-        raise TypeError(f"a record in its {RECORDS} does not consist of texts")
-    return found

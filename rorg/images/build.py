@@ -9,7 +9,7 @@ import re
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -51,42 +51,40 @@ def build(
     return _Build(known, make_builder, clock, listener, stop or threading.Event(), logs).run(sorter, max(1, most))
 
 
+@dataclass
 class _Build:
     """The calling thread decides what comes next; the workers do it."""
 
-    def __init__(
-        self,
-        orders: Mapping[str, Order],
-        make_builder: Callable[[], Builder],
-        clock: Callable[[], float],
-        listener: Listener,
-        stop: threading.Event,
-        logs: Path | None,
-    ) -> None:
-        self._orders = orders
-        self._make_builder, self._clock, self._listener, self._logs = make_builder, clock, listener, logs
-        self._stop, self._cancelled, self._hearing = stop, threading.Event(), threading.Lock()
-        self._results: dict[str, Result] = {}
-        self._builders: list[Builder] = []
-        self._own = threading.local()
+    orders: Mapping[str, Order]
+    make_builder: Callable[[], Builder]
+    clock: Callable[[], float]
+    listener: Listener
+    stop: threading.Event
+    logs: Path | None
+    cancelled: threading.Event = field(default_factory=threading.Event)
+    hearing: threading.Lock = field(default_factory=threading.Lock)
+    results: dict[str, Result] = field(default_factory=dict)
+    builders: list[Builder] = field(default_factory=list)
+    own: threading.local = field(default_factory=threading.local)
+    """The builder of each worker."""
 
     def run(self, sorter: TopologicalSorter[str], jobs: int) -> list[Result]:
         pool = ThreadPoolExecutor(jobs, "build")
         try:
             self._go_through(sorter, pool)
         finally:
-            if len(self._results) < len(self._orders):  # the caller was interrupted
+            if len(self.results) < len(self.orders):  # the caller was interrupted
                 self._cancel()
             pool.shutdown(cancel_futures=True)
-            for builder in self._builders:
+            for builder in self.builders:
                 builder.close()
-        return [self._results[reference] for reference in self._orders]
+        return [self.results[reference] for reference in self.orders]
 
     def _go_through(self, sorter: TopologicalSorter[str], pool: Executor) -> None:
         running = set[Future[Result]]()
         while sorter.is_active():
             ended = []
-            for order in map(self._orders.__getitem__, sorter.get_ready()):
+            for order in map(self.orders.__getitem__, sorter.get_ready()):
                 if result := self._without_work(order):
                     self._tell_end(result)
                     ended.append(result)
@@ -95,10 +93,10 @@ class _Build:
             if not ended:
                 done, running = wait(running, TURN, FIRST_COMPLETED)
                 ended = [future.result() for future in done]
-            if self._stop.is_set():
+            if self.stop.is_set():
                 self._cancel()
             for result in ended:
-                self._results[result.reference] = result
+                self.results[result.reference] = result
                 sorter.done(result.reference)
 
     def _without_work(self, order: Order) -> Result | None:
@@ -108,36 +106,36 @@ class _Build:
         if self._stopping():
             return Result(order.reference, "skipped", STOPPED)
         for reference in order.below:
-            below = self._results.get(reference)
+            below = self.results.get(reference)
             if below and not below.good:
                 failed = below.outcome == "failed" and below.message != STOPPED
-                why = f"{self._orders[reference].name} failed" if failed else below.message
+                why = f"{self.orders[reference].name} failed" if failed else below.message
                 return Result(order.reference, "skipped", why)
         return None
 
     def _stopping(self) -> bool:
-        return self._stop.is_set() or self._cancelled.is_set()
+        return self.stop.is_set() or self.cancelled.is_set()
 
     def _cancel(self) -> None:
         """Ends running orders. A worker that is just making its builder checks this itself."""
-        if not self._cancelled.is_set():
-            self._cancelled.set()
-            for builder in list(self._builders):
+        if not self.cancelled.is_set():
+            self.cancelled.set()
+            for builder in list(self.builders):
                 builder.cancel()
 
     def _tell_end(self, result: Result) -> None:
-        with self._hearing:
-            self._listener.ended(result)
+        with self.hearing:
+            self.listener.ended(result)
 
     # -- the workers -------------------------------------------------------------------------------------------
 
     def _work(self, order: Order) -> Result:
-        began = self._clock()
+        began = self.clock()
         try:
             result = self._carry_out(order, self._builder())
         except BaseException as error:  # the caller waits for a result, whatever happened
             result = self._failure(order, error)
-        result = replace(result, seconds=self._clock() - began)
+        result = replace(result, seconds=self.clock() - began)
         try:
             self._tell_end(result)
         except BaseException as error:
@@ -146,26 +144,26 @@ class _Build:
 
     def _builder(self) -> Builder:
         """The builder of this worker."""
-        if not hasattr(self._own, "builder"):
-            self._own.builder = self._make_builder()
-            self._builders.append(self._own.builder)
-            if self._cancelled.is_set():
-                self._own.builder.cancel()
-        builder: Builder = self._own.builder
+        if not hasattr(self.own, "builder"):
+            self.own.builder = self.make_builder()
+            self.builders.append(self.own.builder)
+            if self.cancelled.is_set():
+                self.own.builder.cancel()
+        builder: Builder = self.own.builder
         return builder
 
     def _carry_out(self, order: Order, builder: Builder) -> Result:
         """The result of an order. Raises what the builder raises."""
         if self._stopping():
             return Result(order.reference, "skipped", STOPPED)
-        with self._hearing:
-            self._listener.began(order)
+        with self.hearing:
+            self.listener.began(order)
         if order.image is None:
             return _pulled(order, builder, self._telling(order, None))
-        with build_log(self._logs, order) as log:
+        with build_log(self.logs, order) as log:
             say = self._telling(order, log)
             try:
-                return replace(_made(order, builder, say), log=log_path(self._logs, order))
+                return replace(_made(order, builder, say), log=log_path(self.logs, order))
             except BaseException as error:
                 log(_hidden(str(error), order))
                 raise
@@ -175,8 +173,8 @@ class _Build:
             if log:
                 log(_hidden(text, order))
             if step:
-                with self._hearing:
-                    self._listener.step(order, _shown(text, order))
+                with self.hearing:
+                    self.listener.step(order, _shown(text, order))
 
         return say
 
@@ -190,7 +188,7 @@ class _Build:
         else:
             why = f"internal error: {type(error).__name__}: {error}"
         step = _shown(getattr(error, "step", ""), order)
-        log = log_path(self._logs, order) if order.image else ""
+        log = log_path(self.logs, order) if order.image else ""
         return Result(order.reference, "failed", _shown(why, order), step, log)
 
 

@@ -32,6 +32,15 @@ class Built:
     bases: Mapping[str, str] = field(default_factory=dict)
     """Base -> its reference or digest at that time."""
 
+    @classmethod
+    def read(cls, entry: Any) -> Built:
+        """A record from a file. Raises TypeError, ValueError or AttributeError if it is not valid."""
+        found = cls(**{**entry, "bases": dict(entry.get("bases", {}))})
+        texts = (found.name, found.reference, found.id, found.at, *found.bases, *found.bases.values())
+        if not all(isinstance(text, str) for text in texts):
+            raise TypeError("a record does not consist of texts")
+        return found
+
 
 class Records:
     """The records of one state directory. A missing or unreadable file counts as empty: an image is then found by the
@@ -46,7 +55,7 @@ class Records:
         found = {}
         for identity, entry in _entries(self._content()).items():
             try:
-                found[identity] = Built(**{**entry, "bases": dict(entry.get("bases", {}))})
+                found[identity] = Built.read(entry)
             except (TypeError, ValueError, AttributeError):
                 continue
         return found

@@ -48,11 +48,8 @@ class Supplier:
 
     def orders(self, catalog: Catalog, content: Content, names: Iterable[str], cache: bool = True) -> list[Order]:
         """What supply() would do for these Images of the tree, or external references."""
-        builder = self.make_builder()
-        try:
+        with contextlib.closing(self.make_builder()) as builder:
             return self._orders(builder, catalog, content, list(names), cache)
-        finally:
-            builder.close()
 
     def supply(
         self,
@@ -66,16 +63,14 @@ class Supplier:
     ) -> list[Result]:
         """Gets these images. `pull`: pull external images again first, and rebuild everything based on one that has
         changed. Without `cache`, rebuild everything."""
-        builder, wanted = self.make_builder(), list(names)
-        try:
+        wanted = list(names)
+        with contextlib.closing(self.make_builder()) as builder:
             pulled, digests = self._pull(builder, catalog, wanted, listener, stop) if pull else ([], {})
             content = self._renewed(catalog, content, digests, () if cache else wanted)
             orders = self._orders(builder, catalog, content, wanted, cache)
             known = {order.reference: order.image for order in orders}
             images = {reference: image for reference, image in known.items() if image}
             done = self._build(orders, _Noting(self, builder, catalog, content, images, listener), stop)
-        finally:
-            builder.close()
         told = {result.reference: result for result in pulled}
         results = [told.get(r.reference, r) if r.outcome == "present" else r for r in done]
         return [*(r for r in pulled if r.reference not in known), *results]
