@@ -11,7 +11,7 @@ from rorg.compose.keys import FILE, SERVICE
 from rorg.compose.nodes import Node, read_nodes
 from rorg.compose.variables import Files, Variables, bare, fill
 from rorg.model.bounds import TooMuch
-from rorg.model.diagnostics import Diagnostic, Where
+from rorg.model.diagnostics import Where
 
 MOST_INCLUDES, MOST_EXTENDS = 50, 50
 """Length of a chain of includes, and of a chain of extended services."""
@@ -107,7 +107,7 @@ class Assembler:
             ring = [one for _, one in trail[trail.index((layer.path, name)) :]]
             if name == min(ring):  # every service of the cycle leads here once: report it only once
                 message = f"services extend each other: {' -> '.join([*ring, name])}"
-                self.files.diagnostics.append(Diagnostic(target.where, message, "removing one `extends`"))
+                self.files.error(target.where, message, "removing one `extends`")
             return own
         if len(trail) > MOST_EXTENDS:
             raise TooMuch(
@@ -141,7 +141,7 @@ class Assembler:
             known = [known for one in layers for known in one.services if known != name]
             inside = f" in {layers[0].path}" if file.value else ""
             message = f"service '{name}' extends '{target.value}', which does not exist{inside}"
-            self.files.diagnostics.append(Diagnostic(target.where, message, self.files.near(target.value, known)))
+            self.files.error(target.where, message, self.files.near(target.value, known))
             return None
         return found, where
 
@@ -152,15 +152,11 @@ class Assembler:
         context = Context(directory, self.home, self.files)
         paths = [Path(context.path(one.value)) for one in entry.get("path").items]
         if not paths or len(trail) > MOST_INCLUDES:
-            self.files.diagnostics.append(
-                Diagnostic(entry.where, "an include without a path, or nested too deep", "path: FILE")
-            )
+            self.files.error(entry.where, "an include without a path, or nested too deep", "path: FILE")
             return total
         if paths[0] in trail:
             ring = " -> ".join(path.name for path in (*trail[trail.index(paths[0]) :], paths[0]))
-            self.files.diagnostics.append(
-                Diagnostic(entry.where, f"files include each other: {ring}", "removing one include")
-            )
+            self.files.error(entry.where, f"files include each other: {ring}", "removing one include")
             return total
         said = entry.get("project_directory").value
         base = Path(context.path(said)) if said is not None else paths[0].parent
@@ -189,7 +185,7 @@ class Assembler:
                 if before is not None and before.plain() != node.plain():
                     message = f"{section}.{name} is also in the included file {node.place.file}"
                     remedy = "another name, or compose.override.yaml beside the included file in its 'path'"
-                    self.files.diagnostics.append(Diagnostic(before.place, message, remedy))
+                    self.files.error(before.place, message, remedy)
                     continue
                 ours.setdefault(name, node)
             total = total.having(**{section: (total.mapping.get(section) or other.get(section)).but(ours)})

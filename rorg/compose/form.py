@@ -23,7 +23,7 @@ class Context:
     """Of the whole project."""
 
     def error(self, node: Node, message: str, remedy: str = "", key: bool = False) -> None:
-        self.files.diagnostics.append(Diagnostic(node.place if key else node.where, message, remedy))
+        self.files.error(node.place if key else node.where, message, remedy)
 
     def warn(self, node: Node, message: str, remedy: str) -> None:
         self.files.diagnostics.append(Diagnostic(node.where, message, remedy, "warning"))

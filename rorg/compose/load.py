@@ -15,7 +15,7 @@ from rorg.compose.project import Loaded, Project
 from rorg.compose.variables import Files, Variables, fill
 from rorg.manifest.files import Reader
 from rorg.model.bounds import TooMuch
-from rorg.model.diagnostics import Diagnostic, Where
+from rorg.model.diagnostics import Where
 
 Read = Callable[[Path], str]
 """The text of a file. Raises OSError or UnicodeDecodeError."""
@@ -79,7 +79,7 @@ def _project(
     if not re.fullmatch(r"[a-z0-9][a-z0-9_-]*", known):
         where = tree.mapping["name"].where if "name" in tree.mapping else Where(str(found[0]))
         remedy = "lower-case letters, digits, - and _, starting with a letter or digit"
-        files.diagnostics.append(Diagnostic(where, f"'{known}' is not a valid name of a project", remedy))
+        files.error(where, f"'{known}' is not a valid name of a project", remedy)
     wanted = list(profiles) or [p for p in (variables.get("COMPOSE_PROFILES") or "").split(",") if p]
     project = normalised(tree, known, base, assembler, variables, wanted)
     files.diagnostics += check(project)

@@ -57,6 +57,9 @@ class Files:
             message = f"with what it includes, extends and fills in, the project has more than {MOST_VALUES} values"
             raise TooMuch(where, message)
 
+    def error(self, where: Where, message: str, remedy: str) -> None:
+        self.diagnostics.append(Diagnostic(where, message, remedy))
+
     def text(self, path: Path, where: Where, what: str) -> str | None:
         """The text of a file; None if it cannot be read, which is reported at `where` for everything that names it."""
         if path not in self.texts:
@@ -67,10 +70,9 @@ class Files:
                 why = error.strerror if isinstance(error, OSError) else "not a text in UTF-8"
                 named = f"--read {path}, if you trust the project"
                 remedy = named if isinstance(error, Outside) else "the path of an existing file"
-                self.diagnostics.append(Diagnostic(where, f"cannot read {what} {path}: {why}", remedy))
+                self.error(where, f"cannot read {what} {path}: {why}", remedy)
         elif self.texts[path] is None:
-            message = f"cannot read {what} {path}"
-            self.diagnostics.append(Diagnostic(where, message, "the path of an existing file"))
+            self.error(where, f"cannot read {what} {path}", "the path of an existing file")
         return self.texts[path]
 
     def there(self, path: Path) -> bool:
