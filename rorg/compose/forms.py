@@ -49,7 +49,7 @@ class Compound(Form):
     of: type | tuple[type, ...] = str
     """The types of short forms."""
     wanted: str = ""
-    """What messages call the accepted values, if it is not the obvious."""
+    """What messages call the accepted values; by default "a list" or "a mapping"."""
 
     def read(self, node: Node, name: str, context: Context) -> Node | None:
         if node.value is None:
