@@ -47,7 +47,7 @@ IMPURE = {"os", "time", "random", "subprocess", "socket", "threading", "pathlib"
 DIRECT: dict[str, set[str]] = {
     "cli": {"psutil", "rich", "rorg_client", "yaml"},
     "importing": set(),
-    "api": {"fastapi", "pydantic", "starlette", "uvicorn"},
+    "api": {"fastapi", "prometheus_client", "pydantic", "starlette", "uvicorn"},
     "sim": {"matplotlib"},
     "daemon": set(),
     "images": {"docker", "networkx", "requests", "urllib3"},

@@ -19,6 +19,7 @@ from rorg.api.interventions import add_operating
 from rorg.api.limits import MOST_BODY
 from rorg.api.logs import add_logs
 from rorg.api.manifests import add_manifests
+from rorg.api.metrics import add_metrics
 from rorg.api.models import Problem
 from rorg.api.operations import Operations
 from rorg.api.problems import answer, problem
@@ -63,6 +64,7 @@ def make_app(operations: Operations) -> FastAPI:
     add_manifests(app, operations)
     add_diffing(app, operations)
     add_history(app, operations)
+    add_metrics(app, operations)
     return app
 
 

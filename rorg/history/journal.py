@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sqlite3
 import threading
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -74,6 +74,7 @@ class Journal:
         self._recent: deque[dict[str, Any]] = deque(maxlen=RECENT)
         self._seq: int = next((seq for (seq,) in database.rows("SELECT max(seq) FROM entry")), 0) or 0
         self._followers: list[Callable[[], None]] = []
+        self._counts: Counter[str] = Counter()
 
     def append(self, at: str, kind: str, message: str, person: bool = False, **more: Any) -> None:
         """`at` is ISO 8601 in UTC; `kind` a stable word; `person`: a person did it. A full disk loses the entry, but
@@ -82,6 +83,7 @@ class Journal:
             self._seq += 1
             entry = {"seq": self._seq, "at": at, "kind": kind, "message": message, **more}
             self._recent.append(entry)
+            self._counts[kind] += 1
             row = (self._seq, at, kind, _sound(message), int(person), json.dumps(more))
             about = [(_sound(name), self._seq) for name in dict.fromkeys(named(entry))]
             self.database.write(lambda connection: _insert(connection, row, about))
@@ -99,6 +101,11 @@ class Journal:
                 self._followers.remove(tell)
 
         return end
+
+    def counts(self) -> dict[str, int]:
+        """Entries of each kind since rorg began."""
+        with self._lock:
+            return dict(self._counts)
 
     @property
     def last(self) -> int:
