@@ -45,7 +45,7 @@ ALONE = {"__init__.py", "__main__.py", "errors.py", "client.py", "regular_file.p
 IMPURE = {"os", "time", "random", "subprocess", "socket", "threading", "pathlib", "datetime", "uuid"}
 """Of the standard library: what asks the world. model may have datetime, to write times, not to ask for them."""
 DIRECT: dict[str, set[str]] = {
-    "cli": {"psutil", "rich", "rorg_client", "yaml"},
+    "cli": {"psutil", "pygraphviz", "rich", "rorg_client", "yaml"},
     "importing": set(),
     "api": {"fastapi", "prometheus_client", "pydantic", "starlette", "uvicorn"},
     "sim": {"matplotlib"},

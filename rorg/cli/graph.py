@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from rorg.cli.drawing import FORMS as DRAWN
-from rorg.cli.options import FORMS, Argument, Directory, Option, StateDirectory
+from rorg.cli.options import FORMS, SERVICES, Argument, Directory, Option, StateDirectory
 from rorg.cli.output import echo, print_rows
 
 if TYPE_CHECKING:
@@ -28,6 +28,10 @@ def command(
             "table, wide, name, yaml, json, dot, mermaid or svg.", names=("-o", "--output"), choices=(*FORMS, *DRAWN)
         ),
     ] = "table",
+    hide: Annotated[
+        list[str] | None,
+        Option("Leave out a service that nearly everything needs.", names=("--hide",), completes=SERVICES),
+    ] = None,
     state_dir: StateDirectory = None,
 ) -> None:
     """Show who needs and who requests whom, with networks and volumes, or the hierarchy of images.
@@ -42,19 +46,22 @@ def command(
 
             raise missing("graph", what, KINDS)
         what, directory = "services", Path(what)
-    show = _services if what == "services" else _images
-    show(Context(state_dir, None, directory, local=True), form)
+    context = Context(state_dir, None, directory, local=True)
+    if what == "services":
+        _services(context, form, hide or ())
+    else:
+        _images(context, form)
 
 
-def _services(context: Context, form: str) -> None:
+def _services(context: Context, form: str, hidden: Sequence[str]) -> None:
     def here() -> Graph:
         from rorg.api.views import graph
 
         return graph(context.catalog(), () if context.remote else context.document().requests)
 
-    found = context.asked("/v1/graph", here)
+    found = _without(context.asked("/v1/graph", here), hidden)
     if form in DRAWN:
-        echo(_drawn_services(found, form))
+        echo(_drawn_services(found, form, hidden))
     elif form == "wide":
         print_rows(found["edges"], form, ("from", "kind", "to"))
     else:
@@ -71,19 +78,42 @@ def _text(graph: Graph) -> list[str]:
     return lines
 
 
-def _drawn_services(graph: Graph, form: str) -> str:
-    """Levels come from needs alone, because requests may form a circle."""
+def _drawn_services(graph: Graph, form: str, hidden: Sequence[str]) -> str:
+    """The picture leaves out needs that follow from others: nearly everything needs roscore."""
     from rorg.cli.drawing import Arrow, Drawing, draw
 
     objects = graph.get("objects", [])  # missing from an older rorg
-    levels: Sequence[Sequence[str]] = [[*graph["services"], *objects]]
+    names = [*graph["services"], *objects]
+    needs = [(e["from"], e["to"]) for e in graph["edges"] if e["kind"] != "requests"]
+    legend = {"bold": "always on", "dashed": "network or volume", "arrow": "needs", "dashed arrow": "requests"}
     if form == "svg":
-        from rorg.images.graph import generations, hierarchy
+        from rorg.images.graph import hierarchy, reduced
 
-        needs = {n: [e["to"] for e in graph["edges"] if e["from"] == n and e["kind"] != "requests"] for n in levels[0]}
-        levels = generations(hierarchy(needs))
-    arrows = [Arrow(e["from"], e["to"], e["kind"] == "requests") for e in graph["edges"]]
-    return draw(Drawing(levels, arrows, bold=graph["always_on"], dashed=objects), form)
+        below = {n: [end for begin, end in needs if begin == n] for n in names}
+        needs = [(name, need) for need, name in reduced(hierarchy(below)).edges]
+        legend["arrow"] = "needs; needs that follow from others are left out"
+    arrows = [Arrow(begin, end) for begin, end in needs]
+    arrows += [Arrow(e["from"], e["to"], dashed=True) for e in graph["edges"] if e["kind"] == "requests"]
+    there = {"bold": graph["always_on"], "dashed": objects, "arrow": needs, "dashed arrow": arrows[len(needs) :]}
+    legend = {kind: text for kind, text in legend.items() if there[kind]}
+    if hidden:
+        legend[""] = f"without {', '.join(hidden)}"
+    return draw(Drawing(names, sorted(arrows), graph["always_on"], objects, legend), form)
+
+
+def _without(graph: Graph, hidden: Sequence[str]) -> Graph:
+    """The graph without these names. Raises Invalid for a name that it does not have."""
+    names = {*graph["services"], *graph.get("objects", [])}
+    for name in hidden:
+        if name not in names:
+            from rorg.cli.output import missing
+
+            raise missing("service", name, names)
+    left = names.difference(hidden)
+    return {
+        **{key: [n for n in value if n in left] for key, value in graph.items() if key != "edges"},
+        "edges": [e for e in graph["edges"] if {e["from"], e["to"]} <= left],
+    }
 
 
 def _images(context: Context, form: str) -> None:
@@ -142,4 +172,5 @@ def _drawn_images(found: Graph, graph: Any, levels: Sequence[Sequence[str]], for
     from rorg.images.graph import reduced
 
     arrows = sorted(Arrow(name, base) for base, name in reduced(graph).edges)
-    return draw(Drawing(levels, arrows, dashed=found["external"]), form)
+    legend = {"dashed": "not an image of the tree", "arrow": "is built on"}
+    return draw(Drawing([n for names in levels for n in names], arrows, dashed=found["external"], legend=legend), form)
