@@ -122,15 +122,13 @@ class Show:
             self.live = None
 
 
-COLUMNS, GAP = 3, 4
-TILE_WIDTH, TILE_HEIGHT = 150, 18
-PANEL = COLUMNS * (TILE_WIDTH + GAP) + 12
-COLOURS = {"running": ("#1a7f37", "#ffffff"), "paused": ("#ddf4ff", "#0969da")}
-IDLE = ("#eaeef2", "#8c959f")
+COLUMNS, GAP, LETTER, TILE_HEIGHT = 3, 4, 6.7, 18
+"""Of a panel; the others are points."""
+COLOURS = {"running": ("#1a7f37", "#ffffff"), "paused": ("#ddf4ff", "#0969da"), "stopped": ("#eaeef2", "#59636e")}
 STYLE = """text { font: 11px ui-monospace, Menlo, Consolas, monospace }
 .title { font: bold 14px system-ui, sans-serif; fill: #1f2328 }
 .note { font: 12px system-ui, sans-serif; fill: #59636e }
-@media (prefers-color-scheme: dark) { .title { fill: #f0f6fc } .note { fill: #9198a1 } .idle { opacity: .35 } }"""
+@media (prefers-color-scheme: dark) { .title { fill: #f0f6fc } .note { fill: #9198a1 } .stopped { opacity: .45 } }"""
 
 
 class Moment(NamedTuple):
@@ -153,9 +151,11 @@ class Bar(NamedTuple):
 def picture(moments: Sequence[Moment], bars: Sequence[Bar]) -> str:
     """An SVG in one file, readable on light and dark pages."""
     rows = max(-(-len(m.states) // COLUMNS) for m in moments)
-    top = 56 + rows * (TILE_HEIGHT + GAP)
-    width, height = PANEL * len(moments) + 12, top + 12 + 46 * len(bars)
-    parts = [part for i, moment in enumerate(moments) for part in _panel(moment, 12 + i * PANEL)]
+    top = 64 + rows * (TILE_HEIGHT + GAP)
+    tile = 12 + round(LETTER * max(len(name) for m in moments for name in m.states))
+    panel = COLUMNS * (tile + GAP) + 12
+    width, height = panel * len(moments) + 12, top + 12 + 46 * len(bars)
+    parts = [part for i, moment in enumerate(moments) for part in _panel(moment, 12 + i * panel, tile)]
     parts += [part for i, bar in enumerate(bars) for part in _bar(bar, top + 12 + i * 46, width - 24)]
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" role="img">\n'
@@ -163,25 +163,25 @@ def picture(moments: Sequence[Moment], bars: Sequence[Bar]) -> str:
     )
 
 
-def _panel(moment: Moment, left: int) -> list[str]:
-    counts = [list(moment.states.values()).count(state) for state in COLOURS]
-    said = f"{counts[0]} run, {counts[1]} paused, {len(moment.states) - sum(counts)} stopped"
-    parts = [_text(left, 22, "title", moment.title), _text(left, 42, "note", said)]
-    for index, (name, state) in enumerate(sorted(moment.states.items())):
-        x = left + index % COLUMNS * (TILE_WIDTH + GAP)
-        y = 52 + index // COLUMNS * (TILE_HEIGHT + GAP)
-        fill, ink = COLOURS.get(state, IDLE)
-        kind = "" if state in COLOURS else ' class="idle"'
-        parts.append(
-            f'<g{kind}><rect x="{x}" y="{y}" width="{TILE_WIDTH}" height="{TILE_HEIGHT}" rx="4" fill="{fill}"/>'
-            f'<text x="{x + 6}" y="{y + 13}" fill="{ink}">{escape(_short(name))}</text></g>'
-        )
+def _panel(moment: Moment, left: int, tile: int) -> list[str]:
+    """The states of one moment. Each count is a tile of its state's colour: they are the legend."""
+    shown = {name: state if state in COLOURS else "stopped" for name, state in sorted(moment.states.items())}
+    parts = [_text(left, 22, "title", moment.title)]
+    for index, state in enumerate(COLOURS):
+        count = list(shown.values()).count(state)
+        parts.append(_tile(left + index * (tile + GAP), 30, tile, state, f"{count} {state}"))
+    for index, (name, state) in enumerate(shown.items()):
+        x, y = left + index % COLUMNS * (tile + GAP), 60 + index // COLUMNS * (TILE_HEIGHT + GAP)
+        parts.append(_tile(x, y, tile, state, name))
     return parts
 
 
-def _short(name: str, most: int = 21) -> str:
-    """Cuts a long name, which only a picture does."""
-    return name if len(name) <= most else name[: most - 1] + "…"
+def _tile(x: int, y: int, width: int, state: str, text: str) -> str:
+    fill, ink = COLOURS[state]
+    return (
+        f'<g class="{state}"><rect x="{x}" y="{y}" width="{width}" height="{TILE_HEIGHT}" rx="4" fill="{fill}"/>'
+        f'<text x="{x + 6}" y="{y + 13}" fill="{ink}">{escape(text)}</text></g>'
+    )
 
 
 def _bar(bar: Bar, y: int, width: int) -> list[str]:
