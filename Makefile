@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test properties fuzz soak lint types bench schemas docs evaluation constraints deb clean
+.PHONY: site demo test properties fuzz soak lint types bench schemas docs evaluation constraints deb clean
 
 # Debian keeps the venv of its Python in a package of its own; .ci/venv sees to that.
 $(BIN)/rorg: pyproject.toml
@@ -58,6 +58,10 @@ evaluation: $(VENV)/test-installed
 # dist/rorg_VERSION_ARCHITECTURE.deb, for Debian bookworm.
 deb: $(BIN)/rorg
 	$(BIN)/python images/rorg/deb/build.py
+
+site: $(VENV)/test-installed
+	$(BIN)/python docs/build_site.py $(VENV)/site
+	@echo "open $(VENV)/site/index.html"
 
 constraints:
 	$(PYTHON) .ci/constraints
