@@ -181,12 +181,13 @@ def fill(node: Node, variables: Variables, diagnostics: list[Diagnostic]) -> Nod
         return node.but([fill(value, variables, diagnostics) for value in node.value])
     if not isinstance(node.value, str) or "$" not in node.value:
         return node
-    found = interpolate(node.value, lambda name: variables.take(name, node.where))
-    if isinstance(found, Refused):
+    try:
+        found = interpolate(node.value, lambda name: variables.take(name, node.where))
+    except Refused as why:
         where = node.where
         if node.exact:
-            where = replace(where, column=where.column + found.offset)
-        diagnostics.append(Diagnostic(where, found.message, found.remedy))
+            where = replace(where, column=where.column + why.offset)
+        diagnostics.append(Diagnostic(where, why.message, why.remedy))
         return node
     diagnostics += [unset(name, node.where) for name in found.unset]
     return node.but(found.text, taken=found.used, exact=node.exact and not found.used)

@@ -17,6 +17,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from rorg.manifest.dockerfile_lines import WORD, DockerfileError, Instruction, Script, Token, script
+from rorg.manifest.dockerfile_programs import Program, Programs
 from rorg.manifest.dockerfile_words import BadWord, Lexer
 
 __all__ = ["Dockerfile", "DockerfileError", "Use", "read", "rewritten"]
@@ -59,6 +60,8 @@ class Dockerfile:
     `# syntax=` line, platform arguments in FROM, or copies from a later stage."""
     arguments: frozenset[str] = frozenset()
     """Names of its ARG lines."""
+    programs: Programs = Programs()
+    """What the stage that is built runs, the target or the last one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +72,8 @@ class _Stage:
     line: int
     sources: list[tuple[str, Token]]
     """(COPY or RUN, text) of each source that they name."""
+    programs: dict[str, Program]
+    """By instruction."""
 
 
 def read(
@@ -115,9 +120,10 @@ class _Reading:
         self.first = {stage.name.lower(): at for at, stage in reversed(list(enumerate(self.stages)))}
 
     def result(self) -> Dockerfile:
-        last = self._last()
+        wanted = last = self._last()
         seen: dict[str, int] = {}
         uses: list[Use] = []
+        programs: list[Programs] = []
         for at, stage in enumerate(self.stages):
             if at > last:
                 break
@@ -128,6 +134,8 @@ class _Reading:
                 raise self._error(f"base name ({stage.base.text}) should not be blank", stage.base)
             if base != NO_IMAGE and base.lower() not in seen:
                 uses.append(self._use(base, "FROM", stage.base))
+            under = programs[seen[base.lower()]] if base.lower() in seen else Programs(base=base)
+            programs.append(Programs(stage.programs.get("ENTRYPOINT"), stage.programs.get("CMD")).on(under))
             for by, token in stage.sources:
                 source = self._source(by, token, at, seen)
                 if source is None:
@@ -138,7 +146,7 @@ class _Reading:
             if stage.name:
                 seen[stage.name.lower()] = at
         stages = tuple(stage.name for stage in self.stages[: last + 1])
-        return Dockerfile(tuple(uses), stages, self.buildkit, frozenset(self._arguments()))
+        return Dockerfile(tuple(uses), stages, self.buildkit, frozenset(self._arguments()), programs[wanted])
 
     def _arguments(self) -> Iterator[str]:
         for instruction in self.file.instructions:
@@ -153,6 +161,8 @@ class _Reading:
                 found.append(_stage(instruction))
             elif found:
                 found[-1].sources.extend((instruction.name, token) for token in _sources(instruction))
+                if instruction.name in ("ENTRYPOINT", "CMD"):
+                    found[-1].programs[instruction.name] = Program(instruction.name, instruction.arguments.text.strip())
             elif instruction.name == "ARG":
                 self._argument(instruction)
             else:
@@ -231,7 +241,7 @@ def _stage(instruction: Instruction) -> _Stage:
     if name and not STAGE_NAME.fullmatch(name.lower()):
         raise DockerfileError(f"invalid name for build stage: {name}", instruction.line)
     platform = next((value for key, value in map(_flag, instruction.flags) if key == "--platform"), None)
-    return _Stage(name, words[0], platform, instruction.line, [])
+    return _Stage(name, words[0], platform, instruction.line, [], {})
 
 
 def _flag(flag: Token) -> tuple[str, Token]:

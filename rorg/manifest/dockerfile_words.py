@@ -7,7 +7,7 @@ is not one: `${name^^}` and commands in `$(...)` do not exist.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 SPACES = "\t\n\v\f\r \x85\xa0\u1680" + "".join(map(chr, range(0x2000, 0x200B))) + "\u2028\u2029\u202f\u205f\u3000"
@@ -21,8 +21,6 @@ MOST_OF_A_PATTERN = 1000
 NAME = re.compile(r"[0-9]+|[@*#?\-$!]|[^\W\d]\w*")
 Pieces = list[tuple[str, bool]]
 """(text, whether its spaces end words)."""
-Pattern = list[tuple[bool, str]]
-"""(whether it is a wildcard, character)."""
 
 
 class BadWord(ValueError):
@@ -174,19 +172,9 @@ class Lexer:
         everywhere = self._peek() == "/"
         if everywhere:
             self._next()
-        pattern = _pattern(_joined(self._until("/", True)), value)
-        text = _joined(self._until("}", True))
-        found, at = "", 0
-        while at <= len(value):
-            end = max(_ends(pattern, value, at), default=at)
-            if end == at:
-                found += value[at : at + 1]
-                at += 1
-                continue
-            found, at = found + text, end
-            if not everywhere:
-                break
-        return found + value[at:]
+        word = _joined(self._until("/", True))
+        pattern, text = _pattern(word, value, longest=True), _joined(self._until("}", True))
+        return pattern.sub(lambda match: text if match[0] else "", value, not everywhere) if word else value
 
 
 def _joined(pieces: Pieces) -> str:
@@ -195,41 +183,23 @@ def _joined(pieces: Pieces) -> str:
 
 def _trimmed(sign: str, word: str, value: str) -> str:
     """Expands ${name#pattern} and ${name%pattern}; a double sign removes the longest match."""
-    pattern = _pattern(word.removeprefix(sign), value)
-    most = word.startswith(sign)
-    if sign == "#":
-        ends = _ends(pattern, value, 0)
-        return value[(max if most else min)(ends, default=0) :]
-    starts = [at for at in range(len(value) + 1) if len(value) in _ends(pattern, value, at)]
-    return value[: (min if most else max)(starts, default=len(value))]
+    back = -1 if sign == "%" else 1
+    found = _pattern(word.removeprefix(sign), value, word.startswith(sign), back).match(value[::back])
+    return value[::back][found.end() if found else 0 :][::back]
 
 
-def _pattern(word: str, value: str) -> Pattern:
-    """Raises BadWord for a bad pattern, and if the pattern or the value is too long."""
+def _pattern(word: str, value: str, longest: bool, back: int = 1) -> re.Pattern[str]:
+    """Returns an expression that finds the longest or the shortest match, in bounded time for every pattern. `back` is
+    -1 to read both backwards. Raises BadWord for a bad pattern, and if the pattern or the value is too long."""
     if max(len(word), len(value)) > MOST_OF_A_PATTERN:
         raise BadWord(f"a pattern, or its value, has more than {MOST_OF_A_PATTERN} characters")
-
-    def characters() -> Iterator[tuple[bool, str]]:
-        chars = iter(word)
-        for char in chars:
-            escaped = char == "\\"
-            plain = next(chars, "") if escaped else char
-            if escaped and (not plain or plain not in "*?\\}/"):
-                raise BadWord(f"a pattern has no \\{plain}")
-            yield not escaped and plain in "*?", plain
-
-    return list(characters())
-
-
-def _ends(pattern: Pattern, text: str, start: int) -> set[int]:
-    """All positions where a match that begins at `start` may end. One pass per character of the pattern keeps the time
-    bounded for every pattern."""
-    ends = {start}
-    for wild, char in pattern:
-        if wild and char == "*":
-            ends = set(range(min(ends), len(text) + 1))
+    signs, parts = re.findall(r"\\.?|.", word, re.DOTALL), [""]
+    if bad := next((sign for sign in signs if sign[0] == "\\" and sign[1:] not in tuple("*?\\}/")), ""):
+        raise BadWord(f"a pattern has no {bad}")
+    for sign in signs[::back]:
+        if sign == "*":
+            parts.append("")
         else:
-            ends = {at + 1 for at in ends if at < len(text) and (wild or text[at] == char)}
-        if not ends:
-            break
-    return ends
+            parts[-1] += "." if sign == "?" else re.escape(sign[-1])
+    last = f".*{parts.pop()}" if longest and len(parts) > 1 else ""
+    return re.compile(parts[0] + "".join(f"(?>.*?{part})" for part in parts[1:]) + last, re.DOTALL)

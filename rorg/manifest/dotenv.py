@@ -12,6 +12,7 @@ and what Docker Compose 2.26 answers.
 from __future__ import annotations
 
 import re
+from bisect import bisect_left
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -19,6 +20,12 @@ from types import MappingProxyType
 from rorg.manifest.template import Budget, Lookup, Refused, interpolate
 
 _BLANKS = " \t\v\f\r\x85\xa0"
+_BLANK = re.compile(f"[{_BLANKS}]*")
+_EXPORT = re.compile(rf"(?:export[{_BLANKS}]+(?=[^=:\s]))?")
+_LINE = re.compile(r"[^\n]*")
+_NAME = re.compile(rf"[\w.\-\[\]{_BLANKS}]*")
+_NOTHING = re.compile(r"(?:\s++|#[^\n]*+)*+")
+_QUOTED = {quote: re.compile(rf"(?:{quote}(?:\\.|[^\\{quote}])*+{quote})?", re.DOTALL) for quote in "'\""}
 _ESCAPE = re.compile(r"\\(0[0-7]{1,3}|[abfnrtv\"\\$])")
 _ESCAPED = dict(zip('abfnrtv"\\$', '\a\b\f\n\r\t\v"\\', strict=False)) | {"$": "$$"}
 
@@ -36,8 +43,8 @@ class Entry:
     unset: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class Mistake:
+@dataclass(eq=False)
+class Mistake(Exception):
     """A syntax error and its place (line and column from 1). `variable`: the missing one, if a required variable is not
     set."""
 
@@ -54,13 +61,14 @@ def read_dotenv(
     """Returns all entries in order, and all mistakes; reading continues in the line after a mistake. `before` counts as
     lines before the first."""
     reader = _Reader(text.removeprefix("\ufeff"), lookup, before)
+    entries, mistakes = list[Entry](), list[Mistake]()
     while reader.to_statement():
         try:
-            reader.statement()
-        except _Wrong as wrong:
-            reader.mistakes.append(wrong.mistake)
-            reader.at = reader.end_of_line(reader.at)
-    return reader.entries, reader.mistakes
+            entries.append(reader.statement())
+        except Mistake as mistake:
+            mistakes.append(mistake)
+            reader.skip(_LINE)
+    return entries, mistakes
 
 
 def values_of(entries: list[Entry]) -> dict[str, str]:
@@ -68,114 +76,78 @@ def values_of(entries: list[Entry]) -> dict[str, str]:
     return {entry.name: entry.value for entry in entries if entry.value is not None}
 
 
-class _Wrong(Exception):
-    def __init__(self, mistake: Mistake) -> None:
-        self.mistake = mistake
-
-
 class _Reader:
     def __init__(self, text: str, lookup: Lookup, before: Mapping[str, str]) -> None:
         self.text, self.at, self.given = text, 0, lookup
-        self.entries: list[Entry] = []
-        self.mistakes: list[Mistake] = []
         self.before, self.budget = dict(before), Budget()
-        self.line, self.line_at, self.seen = 1, 0, 0
+        self.ends = [match.start() for match in re.finditer("\n", text)]
 
     def lookup(self, name: str) -> str | None:
         value = self.given(name)
         return self.before.get(name) if value is None else value
 
-    def end_of_line(self, at: int) -> int:
-        end = self.text.find("\n", at)
-        return len(self.text) if end < 0 else end
+    def skip(self, pattern: re.Pattern[str]) -> str:
+        """Goes past a pattern that matches anything, and returns what it matched."""
+        start = self.at
+        if match := pattern.match(self.text, start):
+            self.at = match.end()
+        return self.text[start : self.at]
 
     def place(self, at: int) -> tuple[int, int]:
-        """Line and column of an offset. Offsets are asked for in ascending order, so each line is counted only once."""
-        if at >= self.seen:
-            self.line += self.text.count("\n", self.seen, at)
-            self.line_at = max(self.line_at, self.text.rfind("\n", self.seen, at) + 1)
-            self.seen = at
-            return self.line, at - self.line_at + 1
-        return self.text.count("\n", 0, at) + 1, at - self.text.rfind("\n", 0, at)
-
-    def blanks(self, at: int) -> int:
-        while at < len(self.text) and self.text[at] in _BLANKS:
-            at += 1
-        return at
+        """Line and column of an offset."""
+        line = bisect_left(self.ends, at)
+        return line + 1, at - (self.ends[line - 1] if line else -1)
 
     def to_statement(self) -> bool:
         """Skips blanks, empty lines and comments; returns whether anything follows."""
-        while self.at < len(self.text):
-            if self.text[self.at].isspace():
-                self.at += 1
-            elif self.text[self.at] == "#":
-                self.at = self.end_of_line(self.at)
-            else:
-                return True
-        return False
+        self.skip(_NOTHING)
+        return self.at < len(self.text)
 
-    def wrong(self, at: int, message: str, remedy: str, variable: str = "") -> _Wrong:
-        return _Wrong(Mistake(*self.place(at), message, remedy, variable))
+    def wrong(self, at: int, message: str, remedy: str, variable: str = "") -> Mistake:
+        return Mistake(*self.place(at), message, remedy, variable)
 
-    def statement(self) -> None:
-        export = re.compile(rf"export[{_BLANKS}]+(?=[^=:\s])").match(self.text, self.at)
-        begin = export.end() if export else self.at
-        name, end = self.name(begin)
-        line, column = self.place(begin)
-        if self.text[end : end + 1] not in ("=", ":"):
-            self.at = end
-            value = self.given(name)
-            self.entries.append(Entry(name, value, line, column, bare=True))
+    def statement(self) -> Entry:
+        self.skip(_EXPORT)
+        line, column = self.place(self.at)
+        name = self.name()
+        if bare := self.text[self.at : self.at + 1] not in ("=", ":"):
+            value, unset = self.given(name), tuple[str, ...]()
         else:
-            value, unset = self.value(self.blanks(end + 1))
-            self.entries.append(Entry(name, value, line, column, unset=unset))
+            self.at += 1
+            self.skip(_BLANK)
+            value, unset = self.value()
         if value is not None:
             self.before[name] = value
+        return Entry(name, value, line, column, bare, unset)
 
-    def name(self, begin: int) -> tuple[str, int]:
-        """Returns a name and its end: at `=` or `:`, or the end of the line."""
-        at = begin
-        while at < len(self.text) and self.text[at] not in "=:\n":
-            char = self.text[at]
-            if not (char.isalnum() or char in "_.-[]" or char in _BLANKS):
-                remedy = "a name of letters, digits and _, then = and the value"
-                raise self.wrong(at, f"{char!r} in the name of a variable", remedy)
-            at += 1
-        name = self.text[begin:at].rstrip()
+    def name(self) -> str:
+        """Returns a name and goes to its end: at `=` or `:`, or the end of the line."""
+        begin, name = self.at, self.skip(_NAME).rstrip()
+        if (char := self.text[self.at : self.at + 1]) not in ("=", ":", "\n", ""):
+            remedy = "a name of letters, digits and _, then = and the value"
+            raise self.wrong(self.at, f"{char!r} in the name of a variable", remedy)
         if not name:
             raise self.wrong(begin, "no name before the value", "NAME=value")
         if any(blank in name for blank in _BLANKS):
             remedy = "NAME=value, one on each line; or # before a comment"
             raise self.wrong(begin, f"a blank in the name '{name}'", remedy)
-        return name, at
+        return name
 
-    def value(self, begin: int) -> tuple[str, tuple[str, ...]]:
-        quote = self.text[begin : begin + 1]
-        if quote in ("'", '"'):
-            value, self.at = self.quoted(begin, quote)
-            return (value, ()) if quote == "'" else self.filled(_unescaped(value), begin)
-        end = self.end_of_line(begin)
-        self.at = end
-        return self.filled(self.text[begin:end].partition(" #")[0].rstrip(), begin)
-
-    def quoted(self, begin: int, quote: str) -> tuple[str, int]:
-        """Returns the text between quotes, with escaped quotes resolved, and the end of it."""
-        chars, at = [], begin + 1
-        while at < len(self.text) and self.text[at] != quote:
-            if self.text[at] == "\\" and at + 1 < len(self.text):
-                at += 1
-                chars.append(quote if self.text[at] == quote else "\\" + self.text[at])
-            else:
-                chars.append(self.text[at])
-            at += 1
-        if at >= len(self.text):
+    def value(self) -> tuple[str, tuple[str, ...]]:
+        begin, quote = self.at, self.text[self.at : self.at + 1]
+        if quote not in ("'", '"') or not quote:
+            return self.filled(self.skip(_LINE).partition(" #")[0].rstrip(), begin)
+        quoted = self.skip(_QUOTED[quote])
+        if not quoted:
             raise self.wrong(begin, "a value whose quotes are not closed", f"{quote} at its end")
-        return "".join(chars), at + 1
+        value = quoted[1:-1].replace(f"\\{quote}", quote)
+        return (value, ()) if quote == "'" else self.filled(_unescaped(value), begin)
 
     def filled(self, value: str, begin: int) -> tuple[str, tuple[str, ...]]:
-        found = interpolate(value, self.lookup, self.budget)
-        if isinstance(found, Refused):
-            raise self.wrong(begin, found.message, found.remedy, found.name)
+        try:
+            found = interpolate(value, self.lookup, self.budget)
+        except Refused as why:
+            raise self.wrong(begin, why.message, why.remedy, why.name) from None
         return found.text, found.unset
 
 

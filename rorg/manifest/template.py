@@ -19,11 +19,13 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import groupby
 
 Lookup = Callable[[str], "str | None"]
 """Returns the value of a variable; None if it is not set."""
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+_SIGN = re.compile(r"\$\$|\$\{|\$[A-Za-z_][A-Za-z0-9_]*|[{}]")
 _OPERATORS = (":-", ":?", ":+", "-", "?", "+")
 MOST_DEPTH = 50
 """Nesting of variables in texts of operators."""
@@ -48,8 +50,8 @@ Piece = str | Variable
 """A piece of a parsed text: plain text (with `$` for `$$`), or a reference."""
 
 
-@dataclass(frozen=True, slots=True)
-class Refused:
+@dataclass(eq=False)
+class Refused(Exception):
     """Why a text cannot be filled in. `name`: the required variable that is not set; empty for a syntax error. `offset`
     counts characters from 0."""
 
@@ -69,11 +71,6 @@ class Filled:
     unset: tuple[str, ...] = ()
 
 
-class _Wrong(Exception):
-    def __init__(self, refused: Refused) -> None:
-        self.refused = refused
-
-
 class Budget:
     """Counts down how much variables may still add to one file."""
 
@@ -87,38 +84,27 @@ class Budget:
             message = (
                 f"variables put more than {MOST_FILLED} characters into this file, the last of them {variable.name}"
             )
-            raise _Wrong(Refused(variable.start, message, f"a shorter value of {variable.name}"))
+            raise Refused(variable.start, message, f"a shorter value of {variable.name}")
         return value
 
 
-def parse(text: str) -> tuple[Piece, ...] | Refused:
-    """The pieces of a text."""
-    try:
-        return _Parser(text).pieces(0, 0)[0]
-    except _Wrong as wrong:
-        return wrong.refused
+def parse(text: str) -> tuple[Piece, ...]:
+    """The pieces of a text. Raises Refused."""
+    return _Parser(text).pieces(0, 0)[0]
 
 
-def interpolate(text: str, lookup: Lookup, budget: Budget | None = None) -> Filled | Refused:
-    """Fills in the variables of a text, or returns the first error. Texts of one file share a `budget`."""
+def interpolate(text: str, lookup: Lookup, budget: Budget | None = None) -> Filled:
+    """Fills in the variables of a text. Texts of one file share a `budget`. Raises Refused for the first error."""
     if "$" not in text:
         return Filled(text)
     pieces = parse(text)
-    if isinstance(pieces, Refused):
-        return pieces
     used, unset = dict.fromkeys(v.name for v in variables(pieces)), dict[str, None]()
-    try:
-        return Filled(_fill(pieces, lookup, unset, budget or Budget()), tuple(used), tuple(unset))
-    except _Wrong as wrong:
-        return wrong.refused
+    return Filled(_fill(pieces, lookup, unset, budget or Budget()), tuple(used), tuple(unset))
 
 
-def reference_at(text: str, offset: int) -> Variable | Refused:
-    """Parses the reference in braces at an offset and ignores the rest."""
-    try:
-        return _Parser(text).braced(offset, 0)[0]
-    except _Wrong as wrong:
-        return wrong.refused
+def reference_at(text: str, offset: int) -> Variable:
+    """Parses the reference in braces at an offset and ignores the rest. Raises Refused."""
+    return _Parser(text).braced(offset, 0)[0]
 
 
 def variables(pieces: tuple[Piece, ...]) -> Iterator[Variable]:
@@ -142,35 +128,20 @@ class _Parser:
         """Parses to the end of the text, or to the closing brace if inside braces (depth > 0); returns the pieces and
         the end. Braces of plain text are counted, as in `${A:-{}}`."""
         found: list[Piece] = []
-        plain, inner, text = at, 0, self.text
-        while at < len(text):
-            char = text[at]
-            if char == "$":
-                found.append(text[plain:at])
-                piece, at = self.dollar(at, depth)
-                found.append(piece)
-                plain = at
+        plain, inner = at, 0
+        while sign := _SIGN.search(self.text, at):
+            at = sign.end()
+            if sign[0] == "}" and depth and not inner:
+                return (*_joined([*found, self.text[plain : sign.start()]]),), sign.start()
+            if sign[0] in "{}":
+                inner += 1 if sign[0] == "{" else -1
                 continue
-            if depth and char == "}":
-                if not inner:
-                    break
-                inner -= 1
-            elif char == "{":
-                inner += 1
-            at += 1
-        found.append(text[plain:at])
-        return tuple(_joined(found)), at
-
-    def dollar(self, at: int, depth: int) -> tuple[Piece, int]:
-        following = self.text[at + 1 : at + 2]
-        if following == "$":
-            return "$", at + 2
-        if following == "{":
-            return self.braced(at, depth)
-        name = _NAME.match(self.text, at + 1)
-        if name is None:
-            return "$", at + 1
-        return Variable(name.group(), at, name.end(), braced=False), name.end()
+            piece: Piece = "$" if sign[0] == "$$" else Variable(sign[0][1:], sign.start(), at, braced=False)
+            if sign[0] == "${":
+                piece, at = self.braced(sign.start(), depth)
+            found += [self.text[plain : sign.start()], piece]
+            plain = at
+        return (*_joined([*found, self.text[plain:]]),), len(self.text)
 
     def braced(self, at: int, depth: int) -> tuple[Variable, int]:
         name = _NAME.match(self.text, at + 2)
@@ -186,25 +157,19 @@ class _Parser:
             raise self.wrong(at, "no closing brace")
         return Variable(name.group(), at, end + 1, True, operator, argument), end + 1
 
-    def wrong(self, at: int, why: str) -> _Wrong:
+    def wrong(self, at: int, why: str) -> Refused:
         shown = self.text[at : at + 30].partition("\n")[0]
         remedy = "${NAME}, ${NAME:-default}, or $$ for a dollar sign of its own"
-        return _Wrong(Refused(at, f"'{shown}' is not a variable: {why}", remedy))
+        return Refused(at, f"'{shown}' is not a variable: {why}", remedy)
 
 
 def _joined(pieces: list[Piece]) -> Iterator[Piece]:
     """Joins adjacent plain texts and drops empty ones."""
-    plain = ""
-    for piece in pieces:
-        if isinstance(piece, str):
-            plain += piece
-            continue
+    for plain, group in groupby((p for p in pieces if p), lambda piece: isinstance(piece, str)):
         if plain:
-            yield plain
-        yield piece
-        plain = ""
-    if plain:
-        yield plain
+            yield "".join(map(str, group))
+        else:
+            yield from group
 
 
 def _fill(pieces: tuple[Piece, ...], lookup: Lookup, unset: dict[str, None], budget: Budget) -> str:
@@ -227,7 +192,7 @@ def _value(variable: Variable, lookup: Lookup, unset: dict[str, None], budget: B
             how = "empty or not set" if operator == ":?" else "not set"
             said = f": {argument}" if argument else ""
             remedy = f"a value of {variable.name} in the environment or an env file"
-            raise _Wrong(Refused(variable.start, f"variable {variable.name} is {how}{said}", remedy, variable.name))
+            raise Refused(variable.start, f"variable {variable.name} is {how}{said}", remedy, variable.name)
     if value is None:
         unset[variable.name] = None
     return value or ""

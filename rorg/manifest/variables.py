@@ -165,16 +165,15 @@ class _Filler:
 
     def reference(self, text: str, at: int, path: Loc) -> tuple[str, int]:
         """Returns the value of the reference at an offset, and its end."""
-        form = reference_at(text, at)
-        if not isinstance(form, Refused):
+        remedy = "${NAME}, ${NAME:-default}, or a second $ in front for that text itself"
+        try:
+            form = reference_at(text, at)
+            remedy = ""
             self._use(path, (form.name, *(inner.name for inner in references(form.argument))))
-        filled = form if isinstance(form, Refused) else interpolate(text[at : form.end], self._lookup, self.budget)
-        if isinstance(form, Refused) or isinstance(filled, Refused):
-            assert isinstance(filled, Refused)
-            literal = "${NAME}, ${NAME:-default}, or a second $ in front for that text itself"
-            remedy = f"{filled.name}=value in {FILE}" if filled.name else filled.remedy
-            remedy = literal if isinstance(form, Refused) else remedy
-            self._refuse(path, filled.message, remedy)
+            filled = interpolate(text[at : form.end], self._lookup, self.budget)
+        except Refused as why:
+            remedy = remedy or (f"{why.name}=value in {FILE}" if why.name else why.remedy)
+            self._refuse(path, why.message, remedy)
             return "", len(text)
         for name in filled.unset:
             near = nearest(name, self.variables.values)
@@ -204,10 +203,11 @@ class _Filler:
             message = f"'{name}' has no value, and no variable of that name is declared in {FILE}"
             self._refuse(path, message, f"a value here, or {name}=value in {FILE}")
             return ""
-        filled = interpolate(f"${{{name}}}", self._lookup, self.budget)
-        if isinstance(filled, Refused):
-            self._refuse(path, filled.message, filled.remedy)
-        return "" if isinstance(filled, Refused) else filled.text
+        try:
+            return interpolate(f"${{{name}}}", self._lookup, self.budget).text
+        except Refused as why:
+            self._refuse(path, why.message, why.remedy)
+            return ""
 
     def _lookup(self, name: str) -> str | None:
         """Returns the value of a variable; names that are not variables stay as they are, even inside other braces."""

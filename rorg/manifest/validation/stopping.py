@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
-from rorg.manifest.dockerfile_programs import Programs, programs_of
+from rorg.manifest.dockerfile_lines import DockerfileError
+from rorg.manifest.dockerfile_programs import Programs
 from rorg.manifest.images import read_dockerfile
 from rorg.manifest.validation.robot import Finding, Robot, each
 from rorg.manifest.validation.subject import SHELLS, Subject
@@ -108,11 +110,9 @@ def _programs(robot: Robot, name: str) -> Programs:
         seen.add(name)
         image = robot.catalog.images[name]
         text = image.inline or read(f"{image.context}/{image.dockerfile}", Path(image.context)) if image.context else ""
-        own = programs_of(text, image.target)
-        found = found.on(own) if len(seen) > 1 else own
-        bases = read_dockerfile(text, image).uses if found.base_line and text else ()
-        base = next((use.reference for use in bases if use.by == "FROM" and use.line == found.base_line), "")
-        name = declared(base, robot.catalog.images)
+        with suppress(DockerfileError):
+            found = found.on(read_dockerfile(text, image).programs)
+            name = declared(found.base, robot.catalog.images)
     return found
 
 
