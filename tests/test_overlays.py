@@ -17,6 +17,7 @@ from rorg.manifest.documents import read_tree
 from rorg.manifest.load import load
 from rorg.manifest.overlay import merge, robot_for
 from rorg.manifest.yaml_source import read_yaml
+from rorg.model.diagnostics import collected
 
 BASE = {
     "base": {
@@ -239,7 +240,7 @@ def test_a_running_rorg_says_whose_overlay_counts_and_another_one_is_compared_wi
 
 def test_the_sources_of_a_robot_know_where_each_value_stands(tree):
     lay(tree, "nora", "base", "spec:\n  resources: {cpu: 2}\n")
-    base = next(s for s in read_tree(tree, robot="nora")[0] if s.name == "base")
+    base = next(s for s in collected(read_tree(tree, robot="nora"))[0][0] if s.name == "base")
     assert base.path == tree / "services/base.yaml"
     assert str(base.where("spec", "resources", "cpu")).endswith("robots/nora/services/base.yaml:5:20")
     assert base.where("spec", "needs", 0).file == str(base.path)

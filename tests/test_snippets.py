@@ -18,6 +18,7 @@ from rorg.manifest.documents import read_source
 from rorg.manifest.traces import read_trace
 from rorg.manifest.variables import read_variables
 from rorg.manifest.workloads import read_workload
+from rorg.model.diagnostics import collected
 from rorg.store.requests_parser import parse
 
 PAGES = [
@@ -86,7 +87,7 @@ def test_yaml_is_a_manifest_that_validates(snippet, tmp_path):
     for other in snippets("sh"):
         if other.page == snippet.page and other.text.startswith("# robot.env\n"):
             (tmp_path / "robot.env").write_text(other.text)
-    variables, wrong = read_variables(tmp_path, "")
+    variables, wrong = collected(read_variables(tmp_path, ""))
     assert not wrong
     source, diagnostics = read_source(text, path, str(snippet), tmp_path, variables)
     assert not diagnostics, "\n".join(map(str, diagnostics))

@@ -21,6 +21,7 @@ from rorg.manifest.service import ServiceSpec
 from rorg.manifest.variables import Variables, fill, read_variables
 from rorg.manifest.yaml_source import read_yaml
 from rorg.model.catalog import RUN, Catalog, Probe, Service
+from rorg.model.diagnostics import collected
 
 FIELDS = frozenset(
     {
@@ -81,7 +82,7 @@ def vet(
 ) -> None:
     """Checks the words of a manifest that a service writes at `path`, in place of the text `before`, without reading a
     file that it names. Raises Forbidden for what the service may not write, and Invalid for mistakes."""
-    variables, _ = read_variables(root, robot)
+    variables, _ = collected(read_variables(root, robot))
     unknown = sorted(_variables_of(text, variables) - _variables_of(before, variables))
     _refuse(caller, name, [f"the variable {variable}" for variable in unknown])
     source, mistakes = read_source(text, path, str(path.relative_to(root)), root, variables)

@@ -10,14 +10,13 @@ import os
 import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 from rorg.manifest.dockerfile import Dockerfile, Use
 from rorg.manifest.documents import Source
 from rorg.manifest.files import real
 from rorg.manifest.option_checks import check_image
 from rorg.model.catalog import Image, Service
-from rorg.model.diagnostics import Diagnostic, nearest
+from rorg.model.diagnostics import Diagnostic, Reading, nearest
 from rorg.model.image_names import check_name, declared, plain
 
 FILES = "FROM scratch\nCOPY . /\n"
@@ -35,14 +34,13 @@ class Contexts:
 
     stands_for: dict[str, str] = field(default_factory=dict)
     made: dict[str, Image] = field(default_factory=dict)
-    diagnostics: list[Diagnostic] = field(default_factory=list)
 
 
 class _Wrong(Exception):
     """(message, remedy) about one context."""
 
 
-def contexts_of(source: Source, services: Mapping[str, Service], images: Collection[str]) -> Contexts:
+def contexts_of(source: Source, services: Mapping[str, Service], images: Collection[str]) -> Reading[Contexts]:
     """Reads the additional contexts of an Image. `images` are the names of all Images of the tree."""
     found = Contexts()
     for name, value in source.spec.additional_contexts.items():
@@ -50,7 +48,7 @@ def contexts_of(source: Source, services: Mapping[str, Service], images: Collect
             found.stands_for[plain(name)] = _reference(found, source, name, value, services, images)
         except _Wrong as wrong:
             where, (message, remedy) = source.where("spec", "additional_contexts", name), wrong.args
-            found.diagnostics.append(Diagnostic(where, f"additional_contexts.{name}: {message}", remedy))
+            yield Diagnostic(where, f"additional_contexts.{name}: {message}", remedy)
     return found
 
 
@@ -94,7 +92,7 @@ def _directory(found: Contexts, source: Source, name: str, value: str, images: C
 
 def stood_in(
     image: Image, source: Source, whole: Dockerfile, uses: tuple[Use, ...], found: Contexts
-) -> tuple[Image, tuple[Use, ...], list[Diagnostic]]:
+) -> Reading[tuple[Image, tuple[Use, ...]]]:
     """Replaces the names of contexts in the image and in its uses. `whole` is the complete Dockerfile, even if only
     some stages are built. Reports names that nothing uses, and refuses the name of a stage: Docker would use the
     context in its place, and not every builder can."""
@@ -103,24 +101,22 @@ def stood_in(
         for use in uses
         if plain(use.reference) in found.stands_for
     }
-    told: list[Diagnostic] = []
     for name in source.spec.additional_contexts:
         where = source.where("spec", "additional_contexts", name, key=True)
         if name.lower() in map(str.lower, whole.stages):
             message = f"additional_contexts.{name}: {image.dockerfile} has a stage of that name"
-            told.append(Diagnostic(where, message, "another name for one of the two"))
+            yield Diagnostic(where, message, "another name for one of the two")
         elif plain(name) in found.stands_for and plain(name) not in {plain(use.reference) for use in whole.uses}:
             message = f"{image.dockerfile} uses no '{name}', so this changes nothing"
-            told.append(Diagnostic(where, message, f"COPY --from={name} in it", "warning"))
+            yield Diagnostic(where, message, f"COPY --from={name} in it", "warning")
     used = tuple(replace(use, reference=names.get(use.reference, use.reference)) for use in uses)
-    return replace(image, stand_ins=names), used, told
+    return replace(image, stand_ins=names), used
 
 
-def cache_of(source: Source) -> tuple[tuple[str, ...], list[Diagnostic]]:
+def cache_of(source: Source) -> Reading[tuple[str, ...]]:
     """Returns images whose layers a build may use. They do not change the result of the build."""
-    spec: Any = source.spec
-    found, diagnostics = [], []
-    for index, value in enumerate(spec.cache_from):
+    found = []
+    for index, value in enumerate(source.spec.cache_from):
         match = CACHE.fullmatch(value)
         try:
             check_image(match[1] if match else value)
@@ -128,5 +124,5 @@ def cache_of(source: Source) -> tuple[tuple[str, ...], list[Diagnostic]]:
         except ValueError:
             where = source.where("spec", "cache_from", index)
             message = f"cache_from: '{value}' is not an image, and rorg takes layers from nothing else"
-            diagnostics.append(Diagnostic(where, message, "name:tag, or type=registry,ref=name:tag"))
-    return tuple(found), diagnostics
+            yield Diagnostic(where, message, "name:tag, or type=registry,ref=name:tag")
+    return tuple(found)

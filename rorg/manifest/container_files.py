@@ -6,7 +6,7 @@ import errno
 import json
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -19,7 +19,7 @@ from rorg.manifest.ros import FILE as PARAMETER_FILE
 from rorg.manifest.ros import Ros, file_of, sendable
 from rorg.manifest.together import Clash
 from rorg.manifest.variables import FILE
-from rorg.model.diagnostics import Diagnostic, Where
+from rorg.model.diagnostics import Diagnostic, Reading, Where
 from rorg.model.ros import RosParameters
 
 NO_FILES = ("unconfined", "builtin")
@@ -32,7 +32,7 @@ def seccomp_file(value: str) -> str:
     return found[1] if found and found[1] not in NO_FILES else ""
 
 
-def seccomp_sent(source: Source, values: list[str], found: list[Clash]) -> list[str]:
+def seccomp_sent(source: Source, values: list[str]) -> Generator[Clash, None, list[str]]:
     """Replaces names of seccomp profiles by their content: the engine may be on another machine, and the digest must
     depend on the content."""
     sent = []
@@ -42,56 +42,50 @@ def seccomp_sent(source: Source, values: list[str], found: list[Clash]) -> list[
                 profile = json.loads(read_text(source.directory / name, source.root))
             except (OSError, ValueError, RecursionError) as error:
                 why = getattr(error, "strerror", None) or "not JSON"
-                found.append(Clash(("security_opt", index), f"seccomp profile '{name}': {why}", "creating it"))
+                yield Clash(("security_opt", index), f"seccomp profile '{name}': {why}", "creating it")
                 continue
             value = f"seccomp={json.dumps(profile, separators=(',', ':'))}"
         sent.append(value)
     return sent
 
 
-def env_files(
-    source: Source, options: Mapping[str, Any], found: list[Clash], diagnostics: list[Diagnostic]
-) -> dict[str, str]:
-    """Returns the variables of all files in `env_file`; later files win. Errors in the option go to `found`, errors in
-    a file to `diagnostics`."""
+def env_files(source: Source, options: Mapping[str, Any]) -> Generator[Clash | Diagnostic, None, dict[str, str]]:
+    """Returns the variables of all files in `env_file`; later files win. Yields errors in the option and in files."""
     variables: dict[str, str] = {}
     for index, file in enumerate(read_env_files(options["env_file"])):
         try:
-            more, told = variables_of(source, file, variables)
+            variables |= yield from variables_of(source, file, variables)
         except OSError as error:
             missing = error.errno == errno.ENOENT
             if file.required or not missing:
                 remedy = "creating it" if missing else "fixing it"
-                found.append(Clash(("env_file", index), f"env_file '{file.path}': {error.strerror}", remedy))
-            continue
-        variables |= more
-        diagnostics += told
+                yield Clash(("env_file", index), f"env_file '{file.path}': {error.strerror}", remedy)
     return variables
 
 
 def variables_of(
     source: Source, file: EnvFile, before: Mapping[str, str] = MappingProxyType({})
-) -> tuple[dict[str, str], list[Diagnostic]]:
-    """Returns the variables of one file, and what is wrong in it. As in Compose, values may use variables of the tree's
+) -> Reading[dict[str, str]]:
+    """Returns the variables of one file. As in Compose, values may use variables of the tree's
     robot.env, of files `before` it and of earlier lines. Raises OSError if the file cannot be read."""
     text = read_plain(source.directory / file.path, source.root)
     if file.format == "raw":
         lines = (line for line in text.splitlines() if "=" in line and not line.lstrip().startswith("#"))
-        return dict(line.split("=", 1) for line in lines), []
+        return dict(line.split("=", 1) for line in lines)
     known = {**source.variables.values, **before}
     entries, mistakes = read_dotenv(text, known.get)
     place = str(Path(os.path.normpath(source.directory / file.path)))
-    told = [Diagnostic(Where(place, m.line, m.column), m.message, m.remedy) for m in mistakes]
+    yield from (Diagnostic(Where(place, m.line, m.column), m.message, m.remedy) for m in mistakes)
     for entry in entries:
         where = Where(place, entry.line, entry.column)
         if entry.value is None:
             message = f"'{entry.name}' has no value and is left out, as no {FILE} declares it"
-            told.append(Diagnostic(where, message, f"{entry.name}=value", "warning"))
+            yield Diagnostic(where, message, f"{entry.name}=value", "warning")
         for name in entry.unset:
             message = f"'{name}', which the value of {entry.name} names, is set nowhere and counts as empty"
             remedy = f"{name}=value in {FILE}, or single quotes for a dollar sign of its own"
-            told.append(Diagnostic(where, message, remedy, "warning"))
-    return values_of(entries), told
+            yield Diagnostic(where, message, remedy, "warning")
+    return values_of(entries)
 
 
 def parameter_files(source: Source) -> Iterator[Path]:
@@ -102,9 +96,8 @@ def parameter_files(source: Source) -> Iterator[Path]:
             yield source.directory / path
 
 
-def parameters_of(source: Source, master: str, found: list[Diagnostic]) -> RosParameters | None:
-    """Returns the parameters with the contents of files. `master` is the URI of the service's ROS master; errors go to
-    `found`."""
+def parameters_of(source: Source, master: str) -> Reading[RosParameters | None]:
+    """Returns the parameters with the contents of files. `master` is the URI of the service's ROS master."""
     ros: Ros | None = source.spec.ros
     if ros is None or not ros.parameters:
         return None
@@ -116,5 +109,5 @@ def parameters_of(source: Source, master: str, found: list[Diagnostic]) -> RosPa
         except (OSError, ValueError) as error:
             why = getattr(error, "strerror", None) or str(error)
             where = source.where("spec", "ros", "parameters", name, PARAMETER_FILE)
-            found.append(Diagnostic(where, f"'{path}', the value of {name}: {why}", "creating or fixing it"))
+            yield Diagnostic(where, f"'{path}', the value of {name}: {why}", "creating or fixing it")
     return RosParameters(master, values)

@@ -61,7 +61,7 @@ class Dockerfile:
     arguments: frozenset[str] = frozenset()
     """Names of its ARG lines."""
     programs: Programs = Programs()
-    """What the stage that is built runs, the target or the last one."""
+    """The programs of the stage that is built: the target, or the last one."""
 
 
 @dataclass(frozen=True, slots=True)

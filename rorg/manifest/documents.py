@@ -6,7 +6,7 @@ from __future__ import annotations
 import contextlib
 import os
 import re
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -18,7 +18,7 @@ from rorg.manifest.models import ENVELOPES, FOLDERS, SPECS, Manifest
 from rorg.manifest.overlay import FOLDER, Written, laid_over, unknown_robot
 from rorg.manifest.variables import NONE, Variables, fill, noted, read_variables, variable_files
 from rorg.manifest.yaml_source import MAX_ITEMS, Document, read_yaml
-from rorg.model.diagnostics import Diagnostic, Where, nearest
+from rorg.model.diagnostics import Diagnostic, Reading, Where, collected, nearest, unknown
 
 UNEXPECTED = "cannot be understood"
 
@@ -92,14 +92,12 @@ def stray_files(root: Path) -> list[Path]:
     return [path for folder in folders for path in sorted(folder.glob("*.y*ml"))]
 
 
-def stray_manifests(root: Path) -> list[Diagnostic]:
+def stray_manifests(root: Path) -> Iterator[Diagnostic]:
     """Reports manifests among the stray files: most likely the folder is misspelt."""
-    strays = []
     for path in stray_files(root):
         if _is_manifest(path, root):
             message = f"a manifest in '{path.parent.name}/', which is not read"
-            strays.append(Diagnostic(Where(str(path)), message, f"folder {nearest(path.parent.name, FOLDERS)}"))
-    return strays
+            yield Diagnostic(Where(str(path)), message, f"folder {nearest(path.parent.name, FOLDERS)}")
 
 
 def holds_manifests(root: Path) -> bool:
@@ -115,64 +113,58 @@ def _is_manifest(path: Path, root: Path) -> bool:
 
 def read_tree(
     root: Path, edits: Mapping[Path, str | None] | None = None, robot: str = ""
-) -> tuple[list[Source], list[Diagnostic], set[str]]:
+) -> Reading[tuple[list[Source], set[str]]]:
     """Reads all manifests below `root`, with a robot's overlay merged in.
 
-    Returns them with everything that is wrong with each one, and the names of the broken ones, so that a typo in
-    one manifest is not reported as an unknown service elsewhere. `edits` maps paths to new content, or to None for
-    deleted files. Raises OSError for an unreadable tree.
+    Returns them with the names of the broken ones, so that a typo in one manifest is not reported as an unknown service
+    elsewhere. `edits` maps paths to new content, or to None for deleted files. Raises OSError for an unreadable tree.
     """
     edits = edits or {}
-    files = dict.fromkeys([*manifest_files(root), *edits])
-    base, unread = _written([path for path in files if path not in edits or edits[path] is not None], root, edits)
-    over, more = _written(overlay_files(root, robot), root, edits)
-    diagnostics = [*stray_manifests(root), *unread, *more]
-    broken = {Path(d.where.file).stem for d in (*unread, *more)}
-    documents, found = laid_over(base, over)
-    variables, unset = read_variables(root, robot)
-    diagnostics += [*found, *unset, *filter(None, [unknown_robot(root, robot)])]
+    paths = [path for path in dict.fromkeys([*manifest_files(root), *edits]) if edits.get(path, "") is not None]
+    above = overlay_files(root, robot)
+    yield from stray_manifests(root)
+    base = yield from _written(paths, root, edits)
+    over = yield from _written(above, root, edits)
+    broken = {path.stem for path in {*paths, *above} - {written.path for written in (*base, *over)}}
+    documents = yield from laid_over(base, over)
+    variables = yield from read_variables(root, robot)
+    yield from filter(None, [unknown_robot(root, robot)])
     sources: list[Source] = []
     for written in documents:
         try:
             source, found = check_source(written, root, variables)
         except Exception as bug:
             source, found = None, [unexpected(Where(str(written.path)), bug)]
-        diagnostics += found
+        yield from found
         if source:
-            diagnostics += _misplaced(source, (root, root / FOLDER / robot))
+            yield from _misplaced(source, (root, root / FOLDER / robot))
             sources.append(source)
         else:
             broken |= {written.path.stem, *re.findall(r"^ +name: *['\"]?([A-Za-z0-9_.-]+)", written.text, re.M)[:1]}
-    return sources, diagnostics, broken
+    return sources, broken
 
 
-def _written(
-    paths: Iterable[Path], root: Path, edits: Mapping[Path, str | None]
-) -> tuple[list[Written], list[Diagnostic]]:
+def _written(paths: Iterable[Path], root: Path, edits: Mapping[Path, str | None]) -> Reading[list[Written]]:
     """Reads files as YAML, and reports unreadable ones."""
-    found, diagnostics = [], []
+    found = []
     for path in paths:
         try:
             text = edits.get(path)
             text = read_text(path, root) if text is None else text
-        except OSError as error:
-            what = f"cannot be read: {error.strerror}"
-            diagnostics.append(Diagnostic(Where(str(path)), what, "fixing or deleting it"))
-            continue
-        try:
             found.append(Written(path, text, *read_yaml(text, str(path), items=MAX_ITEMS)))
+        except OSError as error:
+            yield Diagnostic(Where(str(path)), f"cannot be read: {error.strerror}", "fixing or deleting it")
         except Exception as bug:
-            found.append(Written(path, text, None, [unexpected(Where(str(path)), bug)]))
-    return found, diagnostics
+            found.append(Written(path, str(text), None, [unexpected(Where(str(path)), bug)]))
+    return found
 
 
-def _misplaced(source: Source, tops: Collection[Path]) -> list[Diagnostic]:
+def _misplaced(source: Source, tops: Collection[Path]) -> Iterator[Diagnostic]:
     """Reports a manifest in the folder of another kind."""
     folder = source.path.parent
-    if source.path.parent in tops or FOLDERS.get(folder.name, source.kind) == source.kind:
-        return []
-    right = next(f for f, kind in FOLDERS.items() if kind == source.kind)
-    return [Diagnostic(source.where("kind"), f"a {source.kind} in '{folder.name}/'", f"folder '{right}'")]
+    if folder not in tops and FOLDERS.get(folder.name, source.kind) != source.kind:
+        right = next(f for f, kind in FOLDERS.items() if kind == source.kind)
+        yield Diagnostic(source.where("kind"), f"a {source.kind} in '{folder.name}/'", f"folder '{right}'")
 
 
 def read_source(
@@ -187,34 +179,36 @@ def check_source(written: Written, root: Path, variables: Variables = NONE) -> t
     if written.document is None:
         return None, list(written.found)
     document, unset = fill(written.document, variables)
-    source, found = _checked(document, [*written.found, *unset], written.path, root, variables)
-    return source, noted(found, [document])
+    before = [*written.found, *unset]
+    told = {d.where for d in before}  # report one mistake at one place
+    source, more = collected(_checked(document, written.path, root, variables))
+    found = [*before, *(d for d in more if d.where not in told)]
+    return None if found else source, noted(found, [document])
 
 
 BESIDE = {"Trace": "`rorg simulate FILE` reads it", "Workload": "`rorg simulate TRACE --workload FILE` reads it"}
 """Kinds of documents outside a tree, and what reads them."""
 
 
-def _checked(
-    document: Document, found: list[Diagnostic], path: Path, root: Path, variables: Variables
-) -> tuple[Source | None, list[Diagnostic]]:
+def _checked(document: Document, path: Path, root: Path, variables: Variables) -> Reading[Source | None]:
     if not isinstance(document.value, dict):
         message = "a manifest must be a mapping with apiVersion, kind, metadata, spec"
-        return None, [*found, Diagnostic(document.where(()), message)]
-    told = {d.where for d in found}  # report one mistake at one place
+        yield Diagnostic(document.where(()), message)
+        return None
     kind = document.value.get("kind")
     form = ENVELOPES.get(kind, Manifest) if isinstance(kind, str) else Manifest
-    envelope, more = validated(form, document, document.value, ())
-    found += [d for d in more if d.where not in told]
+    envelope, found = validated(form, document, document.value, ())
+    yield from found
     if isinstance(kind, str) and kind in BESIDE:
         message = f"a {kind} does not describe a robot and cannot be part of its tree"
-        found.append(Diagnostic(document.where(("kind",)), message, f"moving it out: {BESIDE[kind]}"))
+        yield Diagnostic(document.where(("kind",)), message, f"moving it out: {BESIDE[kind]}")
     elif isinstance(kind, str) and kind not in SPECS:
-        found.append(Diagnostic(document.where(("kind",)), f"unknown kind '{kind}'", nearest(kind, SPECS)))
+        yield unknown(document.where(("kind",)), "kind", kind, SPECS)
     if not isinstance(kind, str) or kind not in SPECS or "spec" not in document.value:
-        return None, found
-    spec, more = validated(SPECS[kind], document, document.value["spec"], ("spec",))
-    if envelope is None or spec is None or found or more:
-        return None, found + [d for d in more if d.where not in told]
+        return None
+    spec, found = validated(SPECS[kind], document, document.value["spec"], ("spec",))
+    yield from found
+    if envelope is None or spec is None:
+        return None
     meta = envelope.metadata
-    return Source(document, kind, meta.name, meta.description or "", dict(meta.labels), spec, path, root, variables), []
+    return Source(document, kind, meta.name, meta.description or "", dict(meta.labels), spec, path, root, variables)

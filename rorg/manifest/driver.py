@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from rorg.manifest import option_checks as check
-from rorg.manifest.fields import Written, field, recreate, unchanging
+from rorg.manifest.fields import TEXT, Written, field, recreate, unchanging
 from rorg.manifest.option_forms import Strict, Text
 from rorg.model.devices import Device
 
@@ -102,7 +102,7 @@ class Driver(Strict):
     """A service that talks to hardware. It gets only these devices and waits for a missing one. Restarting it by hand
     asks for confirmation."""
 
-    devices: list[Annotated[DriverDevice, BeforeValidator(_device), Written("text | DriverDevice")]] = recreate(
+    devices: list[Annotated[DriverDevice, BeforeValidator(_device), Written("text | DriverDevice", TEXT)]] = recreate(
         "The devices, by stable paths: PATH, PATH:PATH_INSIDE, PATH:PATH_INSIDE:rwm; or {path, target, "
         "permissions}, or {udev: {vendor, product, serial, subsystem}, target, permissions}.",
         ["/dev/serial/by-id/usb-SICK_TiM551-if00:/dev/sick"],
@@ -134,12 +134,8 @@ class Driver(Strict):
             target = device.text.split(":")[1:2]
             if target and target[0] != device.path:
                 raise ValueError(f"with hotplug, {device} cannot have another name in the container: drop the target")
-        return self
-
-    @model_validator(mode="after")
-    def _targets(self) -> Driver:
-        for device in self.devices:
-            if device.udev and not device.target and not self.hotplug:
+        for one in self.devices:
+            if one.udev and not one.target and not self.hotplug:
                 raise ValueError("a device known by udev needs a 'target': what it is called in the container")
         return self
 

@@ -3,24 +3,27 @@ default."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel
 
+from rorg.manifest.container import ContainerOptions
 from rorg.manifest.container_files import seccomp_file, variables_of
 from rorg.manifest.documents import Source, read_tree
 from rorg.manifest.effective_values import NOT_SHOWN, Level, Value
 from rorg.manifest.field_texts import FieldText, fields_of, inline, written
 from rorg.manifest.load import load_or_raise
-from rorg.manifest.long_forms import EnvFile, read_env_files
+from rorg.manifest.long_forms import read_env_files
 from rorg.manifest.profiles import COMMON, Merged, built_in_profiles, declared, merge_profiles
 from rorg.manifest.rendered_container import absolute, parts, substitute, values_of
 from rorg.manifest.ros import Ros
 from rorg.manifest.service import ServiceSpec
 from rorg.model.catalog import Service
+from rorg.model.diagnostics import collected
 from rorg.model.secret_names import secret_texts
 
 AT = ("spec", "container")
@@ -31,36 +34,20 @@ UNSAID = (("failures", 0), ("atomic", ""), ("prewarm", 0.0))
 def effective(root: Path, name: str, robot: str = "") -> list[Value]:
     """All effective values of a service, on a robot; empty if the service does not exist. Raises Invalid."""
     service = load_or_raise(root, robot=robot).services.get(name)
-    sources = read_tree(root, robot=robot)[0]
+    sources, _ = collected(read_tree(root, robot=robot))[0]
     own = next((s for s in sources if s.kind == "Service" and s.name == name), None)
     if service is None or own is None:
         return []
     profiles = built_in_profiles() | {s.name: s for s in sources if s.kind == "Profile"}
-    merged = merge_profiles(profiles)[0]
+    merged, _ = collected(merge_profiles(profiles))
     named = tuple(own.spec.profile or (COMMON,))
-    used = [] if service.meta else [Level("profile", profiles[n]) for n in _chain(named, profiles)]
+    under = merged.of(named)
+    used = [] if service.meta else [Level("profile", profiles[origin.name]) for origin, _ in reversed(under.layers)]
     policy = [Level("policy", s) for s in sources if s.kind == "Policy"]
     found = list(_spec([Level("manifest", own), *used], policy, service))
     if not service.meta:
-        found += _container(service, own, merged.of(named), used)
+        found += _container(service, own, under, used)
     return found
-
-
-def _chain(names: Sequence[str], profiles: Mapping[str, Source]) -> list[str]:
-    """The profiles of a service and all that they extend, in order of precedence. A profile that two others extend may
-    appear twice; `common` is below all."""
-
-    def chain(name: str) -> list[str]:
-        return [name, *(p for parent in reversed(profiles[name].spec.extends) for p in chain(parent))]
-
-    found = [profile for name in reversed(names) for profile in chain(name)]
-    alone = any(not profiles[n].spec.common for n in found)
-    whole = alone or _under(COMMON, profiles).issuperset(names)
-    return found if whole else [*found, *chain(COMMON)]
-
-
-def _under(name: str, profiles: Mapping[str, Source]) -> set[str]:
-    return {name}.union(*(_under(parent, profiles) for parent in profiles[name].spec.extends))
 
 
 # -- what is beside the container ------------------------------------------------------------------------------
@@ -103,8 +90,8 @@ def _ros(own: Level, told: FieldText) -> Iterator[Value]:
     ros: Ros | None = own.source.spec.ros
     for name, value in ros.parameters.items() if ros else ():
         said = own.value(f"ros.parameters.{name}", told, value, "spec", "ros", "parameters", name)
-        secret = any(secret_texts(name.rpartition("/")[2], value))
-        yield replace(said, value=None, text=NOT_SHOWN) if secret else said
+        hidden = any(secret_texts(name.rpartition("/")[2], value))
+        yield replace(said, value=None, text=NOT_SHOWN) if hidden else said
 
 
 def _first(
@@ -209,7 +196,7 @@ def _container(service: Service, own: Source, profile: Merged, used: list[Level]
 def _layers(own: Source, profile: Merged, used: list[Level]) -> list[Layer]:
     """The layers in order of precedence."""
     manifest, found = Level("manifest", own), []
-    for options, part in parts(own, profile, []):
+    for options, part in collected(parts(own, profile))[0]:
         if part == "this manifest":
             spec: Any = own.spec
             count = len(declared(spec.container).get("volumes", ()))
@@ -224,11 +211,6 @@ def _layers(own: Source, profile: Merged, used: list[Level]) -> list[Layer]:
     return [*reversed(found), *(Layer(p, substitute(declared(p.source.spec.container), values), AT) for p in used)]
 
 
-def _told(option: str) -> FieldText:
-    container = fields_of(ServiceSpec)["container"].model
-    return fields_of(container or BaseModel)[option]
-
-
 def _leaves(layers: list[Layer], path: tuple[str, ...], value: Any) -> Iterator[Value]:
     """Yields the values below a path. Mappings are merged key by key, so each key has its own source; a healthcheck is
     replaced as a whole."""
@@ -239,7 +221,7 @@ def _leaves(layers: list[Layer], path: tuple[str, ...], value: Any) -> Iterator[
     field = ".".join(("container", *path))
     layer = next((x for x in layers if x.says(path)), None)
     if layer:
-        yield layer.level.value(field, _told(path[0]), value, *layer.where(*path))
+        yield layer.level.value(field, fields_of(ContainerOptions)[path[0]], value, *layer.where(*path))
     else:
         yield Value(field, value, inline(value), "default")
 
@@ -252,7 +234,9 @@ def _item(layers: list[Layer], option: str, index: int, item: Any) -> Value:
             same = (absolute(said, directory) if option == "volumes" else said) == item
             # The content of a seccomp file is sent; people want to see its name.
             if same or (str(item).startswith("seccomp={") and seccomp_file(str(said))):
-                return layer.level.value(field, _told(option), item if same else said, *layer.where(option, at))
+                return layer.level.value(
+                    field, fields_of(ContainerOptions)[option], item if same else said, *layer.where(option, at)
+                )
     return Value(field, item, inline(item), "default")
 
 
@@ -265,7 +249,9 @@ def _environment(
         layer = next((x for x in layers if name in x.options.get("environment", {})), None)
         if layer:
             value = layer.options["environment"][name]
-            said = layer.level.value(field, _told("environment"), value, *layer.where("environment", name))
+            said = layer.level.value(
+                field, fields_of(ContainerOptions)["environment"], value, *layer.where("environment", name)
+            )
             yield replace(said, value=None, text=NOT_SHOWN) if name in secrets else said
         else:
             yield _of_a_file(field, name, layers, own)
@@ -276,14 +262,8 @@ def _of_a_file(field: str, name: str, layers: list[Layer], own: Source) -> Value
     for layer in layers:
         files = list(enumerate(read_env_files(layer.options.get("env_file"))))
         for index, file in reversed(files):
-            if name in _names(own, file):
-                where = layer.level.source.where(*layer.where("env_file", index))
-                return Value(field, None, NOT_SHOWN, "env_file", file.path, where)
+            with suppress(OSError):
+                if name in collected(variables_of(own, file))[0]:
+                    where = layer.level.source.where(*layer.where("env_file", index))
+                    return Value(field, None, NOT_SHOWN, "env_file", file.path, where)
     return Value(field, None, NOT_SHOWN, "env_file")
-
-
-def _names(own: Source, file: EnvFile) -> set[str]:
-    try:
-        return set(variables_of(own, file)[0])
-    except OSError:
-        return set()

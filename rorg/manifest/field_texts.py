@@ -4,7 +4,7 @@ it."""
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 from typing import Annotated, Any, Literal, get_args, get_origin
@@ -13,7 +13,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from rorg.manifest.container import ContainerOptions
-from rorg.manifest.fields import Written
+from rorg.manifest.fields import Written, model_of
 from rorg.manifest.profiles import SHIPPED, built_in_profiles, declared
 from rorg.model.units import format_duration
 
@@ -48,12 +48,12 @@ def fields_of(model: type[BaseModel]) -> dict[str, FieldText]:
         found[name] = FieldText(
             name,
             field.description or "",
-            _type(field),
+            type_of(field.annotation, field.metadata),
             _common(name) if model is ContainerOptions and _common(name) else _default(field, marks),
             (field.examples or [None])[0],
             field.is_required(),
             marks.get("x-rorg-change", ""),
-            next((t for t in _parts(field.annotation) if isinstance(t, type) and issubclass(t, BaseModel)), None),
+            model_of(field.annotation),
         )
     return found
 
@@ -85,17 +85,13 @@ def written(value: Any, kind: str) -> str:
 _UNITS = ((1 << 30, "Gi"), (1 << 20, "Mi"), (1 << 10, "Ki"), (1, ""))
 
 
-def _type(field: FieldInfo) -> str:
-    own = [m.text for m in field.metadata if isinstance(m, Written)]
-    return own[-1] if own else type_of(field.annotation)
-
-
-def type_of(annotation: Any) -> str:
-    """A type in words of the manifest."""
+def type_of(annotation: Any, marks: Iterable[Any] = ()) -> str:
+    """A type in words of the manifest. `marks` are the annotations of a field."""
+    if own := [mark.text for mark in marks if isinstance(mark, Written)]:
+        return own[-1]
     args, origin = get_args(annotation), get_origin(annotation)
     if origin is Annotated:
-        own = [m.text for m in args[1:] if isinstance(m, Written)]
-        return own[-1] if own else type_of(args[0])
+        return type_of(args[0], args[1:])
     if origin is Literal:
         return " | ".join(map(str, args))
     if origin in (list, dict):
@@ -107,14 +103,6 @@ def type_of(annotation: Any) -> str:
     return NAMES.get(annotation, "anything")
 
 
-def _parts(annotation: Any) -> Iterator[Any]:
-    args = get_args(annotation)
-    if not args:
-        yield annotation
-    for part in args:
-        yield from _parts(part)
-
-
 def _default(field: FieldInfo, marks: Any) -> str:
     if field.is_required():
         return "required"
@@ -123,7 +111,7 @@ def _default(field: FieldInfo, marks: Any) -> str:
     value = field.get_default(call_default_factory=True)
     if value is None or value == {} or value == [] or isinstance(value, BaseModel):
         return UNSET
-    return written(value, _type(field))
+    return written(value, type_of(field.annotation, field.metadata))
 
 
 @cache

@@ -3,15 +3,28 @@ reference pages and `rorg explain` are generated from these declarations."""
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from functools import partial
+from typing import Any, get_args
 
-from pydantic import Field
+from pydantic import BaseModel, Field, GetJsonSchemaHandler
+from pydantic.json_schema import JsonSchemaValue
+
+TEXT = {"type": "string"}
+TEXTS = {"type": "array", "items": TEXT}
+SCALAR = {"type": ["string", "number"]}
 
 
-class Written(NamedTuple):
-    """An annotation: the type of a field as people read it."""
+class Written:
+    """An annotation: the type of a field as people read it. `also`: JSON schemas of the forms that a validator converts
+    to that type."""
 
-    text: str
+    def __init__(self, text: str, *also: Mapping[str, Any]) -> None:
+        self.text, self.also = text, also
+
+    def __get_pydantic_json_schema__(self, schema: Any, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        found = handler(schema)
+        return {"anyOf": [*self.also, found]} if self.also else found
 
 
 def field(about: str, example: Any, default: Any = None, *, unset: str = "", change: str = "", **more: Any) -> Any:
@@ -24,16 +37,16 @@ def field(about: str, example: Any, default: Any = None, *, unset: str = "", cha
     return Field(**given, description=about, examples=[example], json_schema_extra=marks, **more)
 
 
-def recreate(about: str, example: Any, default: Any = None, **more: Any) -> Any:
-    """Declares a field whose change needs a new container."""
-    return field(about, example, default, change="recreate", **more)
+recreate = partial(field, change="recreate")
+"""Declares a field whose change needs a new container."""
+live = partial(field, change="live")
+"""Declares a field that the engine changes in place."""
+unchanging = partial(field, change="none")
+"""Declares a field whose change does not touch a running container."""
 
 
-def live(about: str, example: Any, default: Any = None, **more: Any) -> Any:
-    """Declares a field that the engine changes in place."""
-    return field(about, example, default, change="live", **more)
-
-
-def unchanging(about: str, example: Any, default: Any = None, **more: Any) -> Any:
-    """Declares a field whose change does not touch a running container."""
-    return field(about, example, default, change="none", **more)
+def model_of(annotation: Any) -> type[BaseModel] | None:
+    """The model of a field, or of the items of its value; None if it has none."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next(filter(None, map(model_of, get_args(annotation))), None)

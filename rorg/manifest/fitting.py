@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from rorg.manifest.yaml_source import Document, read_yaml
@@ -38,13 +38,7 @@ class Fit:
     """Why there is no proposal."""
 
     def as_json(self) -> dict[str, Any]:
-        return {
-            "service": self.service,
-            "seconds": self.seconds,
-            "before": dict(self.before),
-            "after": dict(self.after),
-            "why_not": self.why_not,
-        }
+        return {name: value for name, value in asdict(self).items() if name != "text"}
 
 
 def fit(name: str, text: str, measured: Mapping[str, Any] | None, margin: float) -> Fit:

@@ -16,7 +16,7 @@ from rorg.manifest.dockerfile import Dockerfile, DockerfileError, Use, read
 from rorg.manifest.documents import Source, unexpected
 from rorg.manifest.files import read_text, real
 from rorg.model.catalog import Image, Service
-from rorg.model.diagnostics import Diagnostic, Where, close_to, nearest
+from rorg.model.diagnostics import Diagnostic, Reading, Where, close_to, nearest
 from rorg.model.graph import cycles, stands_on
 from rorg.model.image_names import plain
 
@@ -34,23 +34,21 @@ Used = Mapping[str, tuple[Use, ...]]
 """By the name of the Image."""
 
 
-def images_of(
-    sources: Mapping[str, Source], services: Mapping[str, Service]
-) -> tuple[dict[str, Image], list[Diagnostic]]:
+def images_of(sources: Mapping[str, Source], services: Mapping[str, Service]) -> Reading[dict[str, Image]]:
     """Returns all Images with the references in their Dockerfiles. Errors: a Dockerfile that is missing, unreadable or
     without the target stage, and Images that depend on each other. Warnings: arguments without an ARG, and bases that
     look like a misspelt Image."""
     images: dict[str, Image] = {}
     used: dict[str, tuple[Use, ...]] = {}
-    diagnostics: list[Diagnostic] = []
     for name, source in sources.items():
-        contexts, (cache, found) = contexts_of(source, services, sources), cache_of(source)
-        diagnostics += contexts.diagnostics + found
-        image, used[name], found = _used(replace(_declared(source), cache_from=cache), source, contexts)
+        contexts = yield from contexts_of(source, services, sources)
+        cache = yield from cache_of(source)
+        image, used[name] = yield from _used(replace(_declared(source), cache_from=cache), source, contexts)
         images[name] = replace(image, bases=tuple(dict.fromkeys(use.reference for use in used[name])))
         images |= contexts.made
-        diagnostics += found
-    return images, [*diagnostics, *_circles(images, used), *_misspelt(images, used)]
+    yield from _circles(images, used)
+    yield from _misspelt(images, used)
+    return images
 
 
 def read_dockerfile(text: str, image: Image) -> Dockerfile:
@@ -84,36 +82,31 @@ def _declared(source: Source) -> Image:
     )
 
 
-def _used(image: Image, source: Source, contexts: Contexts) -> tuple[Image, tuple[Use, ...], list[Diagnostic]]:
-    """Returns what the Dockerfile uses and what is odd about it, or why it cannot be read."""
-    if image.context is None:
-        return image, (), []
-    uses, whole, found = _uses(image, source)
-    if whole is None:
-        return image, uses, found
-    image, uses, more = stood_in(image, source, whole, uses, contexts)
-    return image, uses, [*found, *more]
-
-
-def _uses(image: Image, source: Source) -> tuple[tuple[Use, ...], Dockerfile | None, list[Diagnostic]]:
-    """Returns the uses of the stages that are built, and the whole Dockerfile; None if it cannot be read."""
+def _used(image: Image, source: Source, contexts: Contexts) -> Reading[tuple[Image, tuple[Use, ...]]]:
+    """Returns what the stages that are built use."""
     path = _path(image)
+    if image.context is None:
+        return image, ()
     if not os.path.isfile(path):
-        where = source.where("spec", "context")
-        return (), None, [Diagnostic(where, f"no {image.dockerfile} in {image.context}", "creating it")]
+        yield Diagnostic(source.where("spec", "context"), f"no {image.dockerfile} in {image.context}", "creating it")
+        return image, ()
     try:
-        text = read_text(path, Path(image.context or ""), MOST)
+        text = read_text(path, Path(image.context), MOST)
         whole = read_dockerfile(text, replace(image, target=""))
         if image.target and image.target.lower() not in map(str.lower, whole.stages):
-            return (), None, [_no_stage(image, source, whole)]
-        used = read_dockerfile(text, image).uses if image.target else whole.uses
+            yield _no_stage(image, source, whole)
+            return image, ()
+        uses = read_dockerfile(text, image).uses if image.target else whole.uses
     except OSError as error:
-        return (), None, [Diagnostic(Where(str(path)), f"cannot be read: {error.strerror}", "fixing it")]
+        yield Diagnostic(Where(str(path)), f"cannot be read: {error.strerror}", "fixing it")
     except DockerfileError as error:
-        return (), None, [Diagnostic(Where(str(path), error.line), f"cannot be built: {error}", "fixing it")]
+        yield Diagnostic(Where(str(path), error.line), f"cannot be built: {error}", "fixing it")
     except Exception as bug:
-        return (), None, [unexpected(Where(str(path)), bug)]
-    return used, whole, list(_odd_arguments(image, source, whole))
+        yield unexpected(Where(str(path)), bug)
+    else:
+        yield from _odd_arguments(image, source, whole)
+        return (yield from stood_in(image, source, whole, uses, contexts))
+    return image, ()
 
 
 def _path(image: Image) -> Path:

@@ -8,7 +8,7 @@ from typing import Any
 
 from rorg.manifest.documents import Source
 from rorg.model.catalog import Group, Service
-from rorg.model.diagnostics import Diagnostic, Where, nearest
+from rorg.model.diagnostics import Diagnostic, Reading, Where, nearest
 from rorg.model.joining import VOLUMES, ends_with, named
 
 NOT_SHARED = ("", "private", "none")
@@ -21,22 +21,21 @@ def join(
     services: Mapping[str, Service],
     groups: Mapping[str, Group],
     known: Collection[str],
-) -> tuple[Service, list[Diagnostic]]:
+) -> Reading[Service]:
     """Adds the services that it joins to its needs, and to what restarts it if their end also ends the namespace: a
     container in a network that is gone is unreachable. `known` are all declared names, including broken ones."""
     joins: dict[str, tuple[str, ...]] = {}
-    diagnostics: list[Diagnostic] = []
     for option, index, name in named(service.spec or {}):
         found = _wrong(service, option, name, services, groups, known)
         if found:
-            diagnostics.append(replace(found, where=place_of(source, option, index)))
+            yield replace(found, where=place_of(source, option, index))
         elif name in services:
             joins[name] = tuple(dict.fromkeys((*joins.get(name, ()), option)))
     if not joins:
-        return service, diagnostics
+        return service
     needs = tuple(dict.fromkeys((*service.needs, *joins)))
     follows = tuple(sorted({*service.restarts_with, *ends_with(joins)}))
-    return replace(service, needs=needs, restarts_with=follows, joins=joins), diagnostics
+    return replace(service, needs=needs, restarts_with=follows, joins=joins)
 
 
 def _wrong(

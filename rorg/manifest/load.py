@@ -33,10 +33,9 @@ from rorg.manifest.secrets import secrets_of, unread_secrets
 from rorg.manifest.used_objects import check_default, joined, misspelt, objects_of
 from rorg.manifest.validation.run import validate
 from rorg.manifest.variables import noted
-from rorg.model.catalog import DEVELOPER, Catalog, Group, Service
-from rorg.model.diagnostics import Diagnostic, Where, few_suggestions
+from rorg.model.catalog import DEVELOPER, Catalog, Service
+from rorg.model.diagnostics import Diagnostic, Reading, Where, collected, few_suggestions
 from rorg.model.image_names import stems
-from rorg.model.objects import EngineObject
 from rorg.model.policy import Policy
 from rorg.model.units import counted
 
@@ -91,14 +90,17 @@ def load(
 def _load(
     root: Path, edits: Mapping[Path, str | None] | None, found: Callable[[Inputs], None], engine: str, robot: str
 ) -> Loaded:
-    sources, diagnostics, broken = read_tree(root, edits, robot)
+    (sources, broken), diagnostics = collected(read_tree(root, edits, robot))
     if not sources and not diagnostics:
         raise Invalid(f"read manifests in {root}", "no manifests there", "a directory with services/*.yaml")
-    by_kind, more = _by_kind(sources)
+    by_kind, more = collected(_by_kind(sources))
     diagnostics += [*more, *check_spelling(sources)]
     found(inputs(root, by_kind))
-    catalog, more = _catalog(by_kind, broken, engine)
-    diagnostics = noted([*diagnostics, *more], [source.document for source in sources])
+    catalog, more = collected(_catalog(by_kind, broken, engine))
+    if not any(d.severity == "error" for d in more):
+        more += check_conflicts(catalog, by_kind.get("Service", {}))
+    catalog, of_images = collected(_with_images(catalog, by_kind, engine))
+    diagnostics = noted([*diagnostics, *more, *of_images], [source.document for source in sources])
     refused = any(d.severity == "error" for d in diagnostics)
     # Of a refused tree only errors count: services that could not be read may be the ones that others need.
     diagnostics += [d for d in validate(catalog, by_kind) if d.severity == "error" or not refused]
@@ -174,92 +176,65 @@ def _unsaid(value: Any, field: Field[Any]) -> bool:
     return bool(getattr(value, field.name) == (field.default if factory is MISSING else factory()))
 
 
-def _by_kind(sources: Iterable[Source]) -> tuple[dict[str, dict[str, Source]], list[Diagnostic]]:
+def _by_kind(sources: Iterable[Source]) -> Reading[dict[str, dict[str, Source]]]:
     """Groups sources by kind and name. Services and groups share one namespace, because a request names either."""
     found: dict[str, dict[str, Source]] = {}
-    diagnostics: list[Diagnostic] = []
     for source in sources:
         rivals = [k for k in ("Service", "Group") if source.kind in ("Service", "Group")] or [source.kind]
         first = next((found[k][source.name] for k in rivals if source.name in found.get(k, {})), None)
         where = source.where("metadata", "name")
         if first:
             taken = f"is taken by a {first.kind} at {first.where('metadata', 'name')}"
-            diagnostics.append(Diagnostic(where, f"the name '{source.name}' {taken}", "another name"))
+            yield Diagnostic(where, f"the name '{source.name}' {taken}", "another name")
         elif source.name == DEVELOPER and (
             source.kind == "Group" or (source.kind == "Service" and source.spec.type != "meta")
         ):
-            diagnostics.append(Diagnostic(where, "'developer' is the built-in meta-service", "another name"))
+            yield Diagnostic(where, "'developer' is the built-in meta-service", "another name")
         elif source.kind == "Policy" and found.get("Policy"):
             other = next(iter(found["Policy"].values()))
-            diagnostics.append(Diagnostic(where, "a second Policy", f"merging it into {other.document.file}"))
+            yield Diagnostic(where, "a second Policy", f"merging it into {other.document.file}")
         else:
             found.setdefault(source.kind, {})[source.name] = source
-    return found, diagnostics
+    return found
 
 
-def _catalog(
-    by_kind: Mapping[str, dict[str, Source]], broken: set[str], engine: str
-) -> tuple[Catalog, list[Diagnostic]]:
+def _catalog(by_kind: Mapping[str, dict[str, Source]], broken: set[str], engine: str) -> Reading[Catalog]:
     profiles, sources = {**built_in_profiles(), **by_kind.get("Profile", {})}, by_kind.get("Service", {})
-    merged, diagnostics = merge_profiles(profiles)
+    merged = yield from merge_profiles(profiles)
     policy: Any = next((s.spec for s in by_kind.get("Policy", {}).values()), None)
     services: dict[str, Service] = {DEVELOPER: Service(DEVELOPER, meta=True, description="a person")}
     for name, source in sources.items():
-        diagnostics += unknown_profiles(source, {*profiles, *broken})
-        services[name], found = _rendered(source, merged.of(source.spec.profile or ()), policy, engine)
-        diagnostics += found
-    groups, found = expand_groups(by_kind.get("Group", {}), services, broken)
-    diagnostics += found
+        yield from unknown_profiles(source, {*profiles, *broken})
+        services[name] = yield from _rendered(source, merged.of(source.spec.profile or ()), policy, engine)
+    groups = yield from expand_groups(by_kind.get("Group", {}), services, broken)
     known = {*services, *groups, *broken}
-    diagnostics += _resolve_all(sources, services, groups, known, engine)
-    for check in (check_container_names, check_cycles):
-        diagnostics += check(services, sources)
-    diagnostics += unknown_permitted(sources, known)
-    requests, found = requests_of(by_kind.get("Request", {}), known, {*services, *broken})
-    diagnostics += found
-    images, of_images = images_of(by_kind.get("Image", {}), services)
-    images, of_secrets = secrets_of(services, images, sources)
-    services, networks, volumes, found = _objects(by_kind, services, engine)
-    diagnostics += found
-    stated = policy_of(policy) if policy else Policy()
-    catalog = Catalog(services, groups, images, networks, volumes, requests, stated)
-    if not any(d.severity == "error" for d in diagnostics):
-        diagnostics += check_conflicts(catalog, sources)
-    diagnostics += [*of_images, *of_secrets, *check_programs(services, sources, images, engine)]
-    return catalog, diagnostics
-
-
-def _objects(
-    by_kind: Mapping[str, dict[str, Source]], services: Mapping[str, Service], engine: str
-) -> tuple[dict[str, Service], dict[str, EngineObject], dict[str, EngineObject], list[Diagnostic]]:
-    """Returns services with the engine's names of their networks and volumes, and these networks and volumes."""
-    networks, found = objects_of("network", by_kind.get("Network", {}), engine)
-    volumes, more = objects_of("volume", by_kind.get("Volume", {}), engine)
-    sources = by_kind.get("Service", {})
-    found += [*more, *check_default(services, sources, networks)]
-    services = {n: joined(s, networks, volumes) for n, s in services.items()}
-    return services, networks, volumes, [*found, *misspelt(services, sources, networks, volumes)]
-
-
-def _rendered(source: Source, profile: Merged, policy: Any, engine: str) -> tuple[Service, list[Diagnostic]]:
-    try:
-        return render(source, profile, policy, engine)
-    except Exception as bug:
-        return Service(source.name), [unexpected(source.where("metadata", "name"), bug)]
-
-
-def _resolve_all(
-    sources: Mapping[str, Source],
-    services: dict[str, Service],
-    groups: Mapping[str, Group],
-    known: set[str],
-    engine: str,
-) -> list[Diagnostic]:
-    """Resolves what services say of each other, in place."""
-    diagnostics: list[Diagnostic] = []
     for name, source in sources.items():
-        with_joins, of_joins = join(source, services[name], services, groups, known)
-        services[name], found = resolve(source, with_joins, groups, known)
-        diagnostics += of_joins + found
-    more = told_of_processes if of_this_machine(engine) else check_shared_memory
-    return [*diagnostics, *more(services, sources)]
+        service = yield from join(source, services[name], services, groups, known)
+        services[name] = yield from resolve(source, service, groups, known)
+    yield from (told_of_processes if of_this_machine(engine) else check_shared_memory)(services, sources)
+    yield from check_container_names(services, sources)
+    yield from check_cycles(services, sources)
+    yield from unknown_permitted(sources, known)
+    requests = yield from requests_of(by_kind.get("Request", {}), known, {*services, *broken})
+    networks = yield from objects_of("network", by_kind.get("Network", {}), engine)
+    volumes = yield from objects_of("volume", by_kind.get("Volume", {}), engine)
+    yield from check_default(services, sources, networks)
+    services = {n: joined(s, networks, volumes) for n, s in services.items()}
+    yield from misspelt(services, sources, networks, volumes)
+    return Catalog(services, groups, {}, networks, volumes, requests, policy_of(policy) if policy else Policy())
+
+
+def _with_images(catalog: Catalog, by_kind: Mapping[str, dict[str, Source]], engine: str) -> Reading[Catalog]:
+    sources = by_kind.get("Service", {})
+    images = yield from images_of(by_kind.get("Image", {}), catalog.services)
+    images = yield from secrets_of(catalog.services, images, sources)
+    yield from check_programs(catalog.services, sources, images, engine)
+    return replace(catalog, images=images)
+
+
+def _rendered(source: Source, profile: Merged, policy: Any, engine: str) -> Reading[Service]:
+    try:
+        return (yield from render(source, profile, policy, engine))
+    except Exception as bug:
+        yield unexpected(source.where("metadata", "name"), bug)
+        return Service(source.name)

@@ -7,20 +7,18 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Discriminator, Tag, WithJsonSchema
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Tag
 
 from rorg.manifest import option_checks as check
-from rorg.manifest.fields import Written, field
+from rorg.manifest.fields import TEXT, Written, field
 from rorg.manifest.option_forms import Strict, Text
-
-_NUMBER = WithJsonSchema({"type": ["string", "integer"]})
 
 
 class Port(Strict):
     """A port to publish, or a range of them."""
 
-    target: Annotated[Text, check.TARGET, _NUMBER] = field("The port of the container, or a range of them.", 80, ...)
-    published: Annotated[Text, check.PUBLISHED, _NUMBER] | None = field(
+    target: Annotated[Text, check.TARGET] = field("The port of the container, or a range of them.", 80, ...)
+    published: Annotated[Text, check.PUBLISHED] | None = field(
         "The port of the host, or a range of which one is free.", "8080", unset="any that is free"
     )
     host_ip: Annotated[str, check.IP] | None = field("The address of the host.", "127.0.0.1", unset="all addresses")
@@ -96,5 +94,5 @@ EnvFiles = Annotated[
         ]
     ],
     BeforeValidator(_one_or_many),
-    Written("text | list of text and EnvFile"),
+    Written("text | list of text and EnvFile", TEXT, {"type": "object"}),
 ]

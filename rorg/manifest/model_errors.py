@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, get_args
+from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
 from rorg.manifest.container import ELSEWHERE, ContainerOptions
+from rorg.manifest.fields import model_of
 from rorg.manifest.models import API_VERSION, SPECS
 from rorg.manifest.option_forms import Strict
 from rorg.manifest.yaml_source import Document, as_scalar
@@ -84,8 +85,7 @@ def _unknown_key(model: type[Strict], document: Document, loc: Loc, at: Loc) -> 
     written = document.value.get("kind")
     kind = written if isinstance(written, str) else ""
     parent = _model_at(model, loc[len(at) : -1])
-    known = [f.alias or n for n, f in parent.model_fields.items()] if parent else []
-    remedy = nearest(key, known)
+    remedy = nearest(key, [f.alias or n for n, f in parent.model_fields.items()] if parent else [])
     if parent is ContainerOptions and key in ELSEWHERE:
         remedy = ELSEWHERE[key]
     elif not parent or remedy.startswith("one of") or not remedy:
@@ -103,20 +103,11 @@ def _other_level(kind: str, key: str) -> str:
 
 
 def _model_at(model: type[BaseModel], path: Loc) -> type[BaseModel] | None:
-    """The model that a path of keys leads to, through optional fields, lists and mappings."""
+    """The model that a path of keys leads to, through lists and keys of the user's own."""
     for part in path:
-        if isinstance(part, int):
-            continue
-        field = model.model_fields.get(part)
-        if field is None:
-            continue
-        found = next((t for t in _types(field.annotation) if isinstance(t, type) and issubclass(t, BaseModel)), None)
+        field = model.model_fields.get(str(part))
+        found = model_of(field.annotation) if field else model
         if found is None:
             return None
         model = found
     return model
-
-
-def _types(annotation: object) -> list[Any]:
-    args = get_args(annotation)
-    return [annotation] if not args else [t for a in args for t in _types(a)]

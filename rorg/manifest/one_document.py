@@ -12,7 +12,7 @@ from rorg.manifest.model_errors import validated
 from rorg.manifest.models import Manifest
 from rorg.manifest.option_forms import Strict
 from rorg.manifest.yaml_source import Document, read_yaml
-from rorg.model.diagnostics import Diagnostic, nearest
+from rorg.model.diagnostics import Diagnostic, Reading, collected
 from rorg.model.units import counted
 
 S = TypeVar("S", bound=Strict)
@@ -31,9 +31,7 @@ class OneDocument(Generic[S]):
     spec: S
 
 
-def read_document(
-    path: Path, kind: str, model: type[S], make: Callable[[OneDocument[S]], tuple[V, list[Diagnostic]]]
-) -> V:
+def read_document(path: Path, kind: str, model: type[S], make: Callable[[OneDocument[S]], Reading[V]]) -> V:
     """Reads a document of this kind and converts it with `make`. Raises Invalid with everything that is wrong."""
     try:
         with path.open("rb") as file:
@@ -47,9 +45,9 @@ def read_document(
         raise Invalid(f"read {path}", f"it has more than {LARGEST >> 20} MiB", f"a smaller {kind}")
     document, found = read_yaml(text, str(path), most=MOST_NODES)
     if document is not None and not found:
-        checked, found = _checked(document, kind, model)
-        if checked is not None and not found:
-            value, found = make(checked)
+        checked, found = collected(_checked(document, kind, model))
+        if checked is not None:
+            value, found = collected(make(checked))
             if not found:
                 return value
     lines = "\n".join(map(str, found))
@@ -60,15 +58,17 @@ MOST_NODES = 5_000_000
 """YAML values in a file; a trace of one day has some hundred thousand."""
 
 
-def _checked(document: Document, kind: str, model: type[S]) -> tuple[OneDocument[S] | None, list[Diagnostic]]:
+def _checked(document: Document, kind: str, model: type[S]) -> Reading[OneDocument[S] | None]:
     value = document.value
     if not isinstance(value, dict):
-        message = f"a {kind} must be a mapping with apiVersion, kind, metadata, spec"
-        return None, [Diagnostic(document.where(()), message)]
+        yield Diagnostic(document.where(()), f"a {kind} must be a mapping with apiVersion, kind, metadata, spec")
+        return None
     if value.get("kind") != kind:
-        return None, [Diagnostic(document.where(("kind",)), f"the kind must be {kind}", nearest(kind, [kind]))]
+        yield Diagnostic(document.where(("kind",)), f"the kind must be {kind}", f"'{kind}'")
+        return None
     envelope, found = validated(Manifest, document, value, ())
     spec, more = validated(model, document, value.get("spec"), ("spec",))
+    yield from (*found, *more)
     if envelope is None or spec is None:
-        return None, [*found, *more]
-    return OneDocument(document, envelope.metadata.name, envelope.metadata.description or "", spec), []
+        return None
+    return OneDocument(document, envelope.metadata.name, envelope.metadata.description or "", spec)

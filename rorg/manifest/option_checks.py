@@ -10,6 +10,7 @@ import ipaddress
 import re
 import signal
 from collections.abc import Callable, Collection
+from functools import partial
 from typing import Any
 
 from pydantic import AfterValidator, ValidationInfo
@@ -43,9 +44,14 @@ def require(pattern: str, value: str, what: str) -> None:
         raise ValueError(f"'{value}' is not {what}")
 
 
+def form(pattern: str, what: str) -> Callable[[str], None]:
+    """A check of a text: the whole of it must match."""
+    return lambda value: require(pattern, value, what)
+
+
 def like(pattern: str, what: str) -> AfterValidator:
     """A validator for text: the whole of it must match."""
-    return checked(lambda value: require(pattern, value, what))
+    return checked(form(pattern, what))
 
 
 def between(*ranges: tuple[float, float], what: str) -> AfterValidator:
@@ -104,11 +110,13 @@ def read_signal(value: object) -> str:
     return name
 
 
-def _ip(value: str) -> None:
+def _ip(value: str, version: int = 0) -> None:
     try:
-        ipaddress.ip_address(value)
+        found = int(ipaddress.ip_address(value).version)
     except ValueError:
-        raise ValueError(f"'{value}' is not an IP address") from None
+        found = -1
+    if found < 0 or version not in (0, found):
+        raise ValueError(f"'{value}' is not an IP{f'v{version}' if version else ''} address")
 
 
 def _extra_host(value: str) -> str:
@@ -175,11 +183,6 @@ def _security(value: str) -> None:
         raise ValueError(f"'{value}' is not a security option; write no-new-privileges, seccomp=, apparmor= or label=")
 
 
-def _word(value: str) -> None:
-    if not re.fullmatch(r"\S+", value):
-        raise ValueError(f"'{value}' is not one word")
-
-
 def _sysctl(name: str) -> None:
     of_kernel = "msgmax|msgmnb|msgmni|sem|shmall|shmmax|shmmni|shm_rmid_forced|domainname"
     if not re.match(rf"(net\.|fs\.mqueue\.|kernel\.({of_kernel})$)", name):
@@ -197,18 +200,15 @@ def keys(check: Callable[[str], None]) -> AfterValidator:
     return AfterValidator(run)
 
 
-def _variable(name: str) -> None:
-    if not name or "=" in name:
-        raise ValueError(f"'{name}' is not the name of a variable")
-
-
 def _key(name: str) -> None:
     if not name:
         raise ValueError("a key is empty")
 
 
 CAPABILITY, IP, EXTRA_HOST = checked(_capability), checked(_ip), turned(_extra_host)
-CPUS, WORKING_DIR, IMAGE, WORD = checked(_cpus), checked(_working_dir), checked(check_image), checked(_word)
+CPUS, WORKING_DIR, IMAGE = checked(_cpus), checked(_working_dir), checked(check_image)
+IPV4, IPV6 = checked(partial(_ip, version=4)), checked(partial(_ip, version=6))
+WORD = like(r"(?u:\S+)", "one word")
 NETWORK_MODE, SECURITY = checked(_network_mode), checked(_security)
 IPC = checked(_namespace("none", "private", "shareable", "host", "service:", "container:"))
 PID, HOST_ONLY = checked(_namespace("host", "service:", "container:")), checked(_namespace("host"))
@@ -237,4 +237,5 @@ VOLUME_DRIVER = like(r"[a-zA-Z0-9][a-zA-Z0-9_.:/-]*", "a driver of volumes; writ
 CONTAINER = like(r"[a-zA-Z0-9][a-zA-Z0-9_.-]+", "a name for a container; write at least two letters or digits")
 NETWORK = r"[a-zA-Z0-9][a-zA-Z0-9_.-]*"
 
-VARIABLES, KEYS, SYSCTLS, LIMITS = keys(_variable), keys(_key), keys(_sysctl), keys(check_ulimit)
+VARIABLES = keys(form("[^=]+", "the name of a variable"))
+KEYS, SYSCTLS, LIMITS = keys(_key), keys(_sysctl), keys(check_ulimit)

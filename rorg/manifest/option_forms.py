@@ -9,7 +9,7 @@ from typing import Annotated, TypeVar
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints, WithJsonSchema
 
 from rorg.manifest import option_checks as check
-from rorg.manifest.fields import Written
+from rorg.manifest.fields import SCALAR, TEXT, TEXTS, Written
 from rorg.model import image_names
 from rorg.model.units import DURATION, MEMORY, NAME, parse_duration, parse_memory
 
@@ -32,7 +32,8 @@ def _words(value: object) -> object:
         raise ValueError(f"not a command line: {error}") from error
 
 
-def _one_or_many(value: object) -> object:
+def one_or_many(value: object) -> object:
+    """Converts a single text to a list."""
     return [value] if isinstance(value, str) else value
 
 
@@ -108,11 +109,12 @@ ImageName = Annotated[
 ]
 
 
-Words = Annotated[list[str], BeforeValidator(_words), Written("text | list of text")]
-Text = Annotated[str, BeforeValidator(_text), Written("text")]
-Texts = list[Text]
-Scalar = Annotated[str, BeforeValidator(_scalar), Written("text")]
-Pairs = Annotated[dict[str, Scalar], BeforeValidator(_pairs), Written("mapping of text | list of KEY=VALUE")]
+Words = Annotated[list[str], BeforeValidator(_words), Written("text | list of text", TEXT)]
+Text = Annotated[str, BeforeValidator(_text), WithJsonSchema(SCALAR), Written("text")]
+Scalar = Annotated[
+    str, BeforeValidator(_scalar), WithJsonSchema({"type": ["string", "number", "boolean", "null"]}), Written("text")
+]
+Pairs = Annotated[dict[str, Scalar], BeforeValidator(_pairs), Written("mapping of text | list of KEY=VALUE", TEXTS)]
 Labels = Annotated[Pairs, BeforeValidator(_bare), AfterValidator(_not_ours), check.KEYS]
 Signal = Annotated[str, BeforeValidator(check.read_signal), Written("signal")]
 Cores = Annotated[
@@ -120,7 +122,7 @@ Cores = Annotated[
     BeforeValidator(_cores),
     Field(allow_inf_nan=False),
     check.between((0.01, 1 << 20), what="write at least 0.01"),
-    Written("number of cores"),
+    Written("number of cores", TEXT),
 ]
 Limit = Annotated[Memory, check.between((0, 0), (LEAST_MEMORY, MOST), what="the engine takes 6Mi and more")]
 Limitless = Annotated[Memory, check.between((-1, 0), (LEAST_MEMORY, MOST), what="the engine takes 6Mi and more")]
@@ -128,5 +130,5 @@ Bytes = Annotated[Memory, check.between((0, MOST), what="write an amount of memo
 
 
 T = TypeVar("T")
-Many = Annotated[list[T], BeforeValidator(_one_or_many), Written("text | list of text")]
+Many = Annotated[list[T], BeforeValidator(one_or_many), Written("text | list of text", TEXT)]
 """A list; a single item may be written without brackets."""

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import ipaddress
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from rorg.manifest import option_checks as check
-from rorg.manifest.fields import Written, field
+from rorg.manifest.fields import TEXT, TEXTS, Written, field
 from rorg.manifest.option_forms import MOST, Bytes, Duration, Pairs, Strict
 from rorg.model.volumes import PROPAGATION, VOLUME_NAME, is_target
 
@@ -50,7 +49,7 @@ class Healthcheck(Strict):
             list[str],
             BeforeValidator(lambda v: ["CMD-SHELL", v] if isinstance(v, str) else v),
             AfterValidator(_test),
-            Written("text | list of text"),
+            Written("text | list of text", TEXT),
         ]
         | None
     ) = field(
@@ -184,26 +183,14 @@ class Gpu(Strict):
         return self
 
 
-def _of_version(version: int) -> AfterValidator:
-    def run(value: str) -> str:
-        try:
-            if ipaddress.ip_address(value).version == version:
-                return value
-        except ValueError:
-            pass
-        raise ValueError(f"'{value}' is not an IPv{version} address")
-
-    return AfterValidator(run)
-
-
 class Network(Strict):
     """The container's endpoint in one network."""
 
     aliases: list[Annotated[str, check.WORD]] | None = field("Additional names of the container in it.", ["base"])
-    ipv4_address: Annotated[str, _of_version(4)] | None = field(
+    ipv4_address: Annotated[str, check.IPV4] | None = field(
         "Its IPv4 address.", "172.20.0.10", unset="what the engine gives"
     )
-    ipv6_address: Annotated[str, _of_version(6)] | None = field(
+    ipv6_address: Annotated[str, check.IPV6] | None = field(
         "Its IPv6 address.", "2001:db8::10", unset="what the engine gives"
     )
     link_local_ips: list[Annotated[str, check.IP]] | None = field("Link-local addresses.", ["169.254.8.8"])
@@ -256,17 +243,20 @@ Volume = Annotated[
     Discriminator(lambda value: "line" if isinstance(value, str) else "mapping"),
 ]
 Networks = Annotated[
-    dict[str, Network],
+    dict[str, Annotated[Network, Written("Network", {"type": "null"})]],
     BeforeValidator(read_networks),
     AfterValidator(_network_names),
-    Written("list of names | mapping of Network"),
+    Written("list of names | mapping of Network", TEXTS),
 ]
 Ulimits = Annotated[
-    dict[str, Ulimit], BeforeValidator(read_ulimits), check.LIMITS, Written("mapping of number | Ulimit")
+    dict[str, Annotated[Ulimit, Written("number | Ulimit", {"type": "integer"})]],
+    BeforeValidator(read_ulimits),
+    check.LIMITS,
+    Written("mapping of number | Ulimit"),
 ]
 Hosts = Annotated[
     list[Annotated[str, check.EXTRA_HOST]],
     BeforeValidator(read_hosts),
-    Written("list of NAME:ADDRESS | mapping of addresses"),
+    Written("list of NAME:ADDRESS | mapping of addresses", {"type": "object"}),
 ]
-Gpus = Annotated[list[Gpu], BeforeValidator(read_gpus), Written("all | list of Gpu")]
+Gpus = Annotated[list[Gpu], BeforeValidator(read_gpus), Written("all | list of Gpu", {"const": "all"})]

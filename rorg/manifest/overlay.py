@@ -14,7 +14,7 @@ from typing import Any
 
 from rorg.manifest.yaml_source import Document
 from rorg.manifest.yaml_source import Path as Loc
-from rorg.model.diagnostics import Diagnostic, Where, nearest
+from rorg.model.diagnostics import Diagnostic, Reading, Where, nearest
 
 FOLDER = "robots"
 REMOVED = "removed"
@@ -67,10 +67,9 @@ def unknown_robot(root: Path, robot: str) -> Diagnostic | None:
     return Diagnostic(Where(str(root / FOLDER)), f"no robot '{robot}'", remedy)
 
 
-def laid_over(base: Iterable[Written], over: Iterable[Written]) -> tuple[list[Written], list[Diagnostic]]:
-    """Merges an overlay into the base; returns the documents of the robot, and mistakes in its overlay."""
+def laid_over(base: Iterable[Written], over: Iterable[Written]) -> Reading[list[Written]]:
+    """Merges an overlay into the base; returns the documents of the robot."""
     found = {written.path: written for written in base}
-    diagnostics: list[Diagnostic] = []
     for upper in over:
         lower = next((w for w in found.values() if w.key == upper.key != ("", "")), None)
         value = upper.document.value if upper.document else None
@@ -78,14 +77,14 @@ def laid_over(base: Iterable[Written], over: Iterable[Written]) -> tuple[list[Wr
             if lower is not None:
                 del found[lower.path]
             else:
-                diagnostics.append(_nothing_to_remove(upper, found))
-            diagnostics += upper.found
+                yield _nothing_to_remove(upper, found)
+            yield from upper.found
         elif upper.document is None or lower is None or lower.document is None:
             found[upper.path] = upper
         else:
             merged = merge(lower.document, upper.document)
             found[lower.path] = Written(lower.path, lower.text, merged, [*lower.found, *upper.found])
-    return list(found.values()), diagnostics
+    return list(found.values())
 
 
 def _nothing_to_remove(upper: Written, found: Mapping[Path, Written]) -> Diagnostic:

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from rorg.manifest.fields import Written, field, unchanging
+from rorg.manifest.fields import TEXTS, Written, field, unchanging
 from rorg.manifest.option_forms import Duration, Interval, Memory, Name, Strict
 from rorg.manifest.probes import Interlock
 
@@ -16,7 +16,9 @@ def _units(value: object) -> object:
 
 
 Units = Annotated[
-    dict[Name, Annotated[int, Field(ge=1)]], BeforeValidator(_units), Written("list of names | mapping of numbers")
+    dict[Name, Annotated[int, Field(ge=1)]],
+    BeforeValidator(_units),
+    Written("list of names | mapping of numbers", TEXTS),
 ]
 """Exclusive resources with their units: `[gpu]` or `{gpu: 1}`."""
 Fraction = Annotated[float, Field(strict=False, gt=0, le=1)]
@@ -142,7 +144,7 @@ Set = Annotated[bool | Name, Written("true | false | name of a set")]
 
 
 class Update(Strict):
-    """How a change of the service is rolled out."""
+    """How changes are rolled out."""
 
     when: Literal["now", "when_ceased"] | None = unchanging(
         "now, or when it is next idle or restarted. An interlock can delay it further.", "when_ceased", unset="now"
@@ -158,23 +160,6 @@ class Update(Strict):
         "navigation",
         unset="false",
     )
-
-
-class Updates(Strict):
-    """How changes are rolled out, for services that do not set it themselves."""
-
-    when: Literal["now", "when_ceased"] = field(
-        "now, or when a service is next idle or restarted. An interlock can delay a change further.",
-        "when_ceased",
-        "now",
-    )
-    bake: Duration = field(
-        "How long a service must stay well after it is ready, before rorg removes the previous container. If it "
-        "fails, rorg restores that one.",
-        "1m",
-        2.0,
-    )
-    atomic: bool = field("All services change together: if one fails, all go back.", True, False)
 
 
 class History(Strict):
@@ -212,7 +197,7 @@ class PolicySpec(Strict):
     images: Images | None = field(
         "When images are pulled or built, and how many are kept.", {"pull": "never", "keep": 10}
     )
-    updates: Updates | None = field(
+    updates: Update | None = field(
         "How changes are rolled out, for services that do not set it themselves.", {"when": "when_ceased", "bake": "1m"}
     )
     history: History | None = field("How much history is kept.", {"days": 90})

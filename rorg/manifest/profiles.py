@@ -4,7 +4,7 @@ this file."""
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, reduce
 from graphlib import TopologicalSorter
@@ -14,7 +14,7 @@ from typing import Any
 
 from rorg.manifest.container import ContainerOptions
 from rorg.manifest.documents import Source, read_source
-from rorg.model.diagnostics import Diagnostic, nearest
+from rorg.model.diagnostics import Diagnostic, Reading, unknown
 from rorg.model.graph import cycles
 from rorg.model.volumes import mounted_at
 
@@ -50,6 +50,8 @@ class Origin:
 SHIPPED = Origin(COMMON, built_in=True)
 """The built-in defaults."""
 Origins = Mapping[str, tuple[Origin, ...]]
+Layer = tuple[Origin, Mapping[str, Any]]
+"""Options of a container, and what declares them."""
 
 
 @dataclass(frozen=True)
@@ -65,8 +67,8 @@ class Merged:
     alone: bool = False
     """It does not extend `common`."""
     container: Mapping[str, Any] = field(default_factory=dict)
-    origins: Origins = field(default_factory=dict)
-    """Option of the container -> its declarers."""
+    layers: tuple[Layer, ...] = ()
+    """The options of each profile in it, the lowest first."""
 
 
 def merge_options(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
@@ -123,21 +125,15 @@ _PLACES: Mapping[str, Callable[[Any], str | None]] = {"volumes": mounted_at, "se
 """List option -> a key that only one of its items can have."""
 
 
-def trace(origins: Origins, container: Mapping[str, Any], over: Mapping[str, Any], origin: Origin) -> Origins:
-    """Origins of the options in `container` after `over` was merged into it."""
-    paths = [
-        f"{option}.{key}" if key else option
-        for option, value in over.items()
-        for key in (value if isinstance(value, dict) and option != "healthcheck" else ("",))
-    ]
-    return _put(origins, container, dict.fromkeys(paths, (origin,)))
-
-
-def _put(origins: Origins, container: Mapping[str, Any], over: Origins) -> Origins:
-    found = {path: names for path, names in origins.items() if path.partition(".")[0] in container}
-    for path, names in over.items():
-        appended = isinstance(container.get(path), list) and path != "entrypoint"
-        found[path] = tuple(dict.fromkeys((*found.get(path, ()), *names))) if appended else names
+def origins_of(container: Mapping[str, Any], layers: Iterable[Layer]) -> Origins:
+    """Option of a container -> its declarers. `layers` are the options that were merged, the lowest first."""
+    found: dict[str, tuple[Origin, ...]] = {}
+    for origin, options in layers:
+        for option, value in options.items():
+            for key in value if isinstance(value, dict) and option != "healthcheck" else ("",):
+                path = f"{option}.{key}" if key else option
+                appended = isinstance(value, list) and option != "entrypoint"
+                found[path] = tuple(dict.fromkeys((*found.get(path, ()), origin))) if appended else (origin,)
     return {path: names for path, names in found.items() if path.partition(".")[0] in container}
 
 
@@ -168,13 +164,13 @@ class Profiles:
         return self._found[named]
 
 
-def merge_profiles(sources: Mapping[str, Source]) -> tuple[Profiles, list[Diagnostic]]:
+def merge_profiles(sources: Mapping[str, Source]) -> Reading[Profiles]:
     """Merges every profile with everything that it extends; unknown names and cycles in `extends` are errors.
 
     `common` is below all profiles, except those that say `common: false` or extend one that does. The profiles that
     `common` itself extends have nothing below them.
     """
-    parents, diagnostics = _parents(sources)
+    parents = yield from _parents(sources)
     below = {COMMON}
     pending = [COMMON]
     while pending:
@@ -184,32 +180,30 @@ def merge_profiles(sources: Mapping[str, Source]) -> tuple[Profiles, list[Diagno
     said: dict[str, Merged] = {}
     for name in TopologicalSorter(parents).static_order():
         said[name] = reduce(_over, [*(said[parent] for parent in parents[name]), _own(name, sources[name])])
-    return Profiles(said, below), diagnostics
+    return Profiles(said, below)
 
 
-def _parents(sources: Mapping[str, Source]) -> tuple[dict[str, list[str]], list[Diagnostic]]:
+def _parents(sources: Mapping[str, Source]) -> Reading[dict[str, list[str]]]:
     """The parents of each profile, in order. Unknown names and cycles are left out and reported."""
-    diagnostics: list[Diagnostic] = []
     graph: dict[str, list[str]] = {}
     for name, source in sources.items():
         for index, parent in enumerate(source.spec.extends):
             if parent not in sources:
-                where = source.where("spec", "extends", index)
-                diagnostics.append(Diagnostic(where, f"unknown profile '{parent}'", nearest(parent, sources)))
+                yield unknown(source.where("spec", "extends", index), "profile", parent, sources)
         graph[name] = [parent for parent in source.spec.extends if parent in sources]
     rings = cycles(graph)
     for ring in rings:
         last = sources[ring[-2]]
         where = last.where("spec", "extends", last.spec.extends.index(ring[-1]))
-        what = f"profiles extend each other: {' -> '.join(ring)}"
-        diagnostics.append(Diagnostic(where, what, "breaking the cycle"))
+        yield Diagnostic(where, f"profiles extend each other: {' -> '.join(ring)}", "breaking the cycle")
     closing = {pair for ring in rings for pair in pairwise(ring)}
-    return {n: [p for p in found if (n, p) not in closing] for n, found in graph.items()}, diagnostics
+    return {n: [p for p in found if (n, p) not in closing] for n, found in graph.items()}
 
 
 def _own(name: str, source: Source) -> Merged:
     spec: Any = source.spec
     container = declared(spec.container)
+    origin = Origin(name, built_in_profiles().get(name) is source)
     return Merged(
         needs=tuple(spec.needs),
         idle=spec.idle.model_dump(exclude_none=True) if spec.idle else {},
@@ -219,12 +213,11 @@ def _own(name: str, source: Source) -> Merged:
         without_hardware=spec.without_hardware,
         alone=not spec.common,
         container=container,
-        origins=trace({}, container, container, Origin(name, built_in_profiles().get(name) is source)),
+        layers=((origin, container),),
     )
 
 
 def _over(base: Merged, top: Merged) -> Merged:
-    container = merge_options(base.container, top.container)
     return Merged(
         needs=tuple(dict.fromkeys(base.needs + top.needs)),
         idle={**base.idle, **top.idle},
@@ -233,6 +226,6 @@ def _over(base: Merged, top: Merged) -> Merged:
         restart=top.restart or base.restart,
         without_hardware=base.without_hardware or top.without_hardware,
         alone=base.alone or top.alone,
-        container=container,
-        origins=_put(base.origins, container, top.origins),
+        container=merge_options(base.container, top.container),
+        layers=base.layers + top.layers,
     )

@@ -14,18 +14,15 @@ from rorg.manifest.documents import Source
 from rorg.manifest.joining import place_of
 from rorg.manifest.profiles import COMMON
 from rorg.model.catalog import DEVELOPER, EVERY, Catalog, Group, Request, Service
-from rorg.model.diagnostics import Diagnostic, Where, nearest, unknown
+from rorg.model.diagnostics import Diagnostic, Reading, Where, nearest, unknown
 from rorg.model.graph import closure, conflicting, cycles, overbooked
 
 Sources = Mapping[str, Source]
 """Manifests of one kind by name."""
 
 
-def resolve(
-    source: Source, service: Service, groups: Mapping[str, Group], known: set[str]
-) -> tuple[Service, list[Diagnostic]]:
+def resolve(source: Source, service: Service, groups: Mapping[str, Group], known: set[str]) -> Reading[Service]:
     """The service with groups in `needs` and `conflicts` replaced by their members; unknown names are errors."""
-    diagnostics = []
     resolved: dict[str, tuple[str, ...]] = {}
     for field in ("needs", "conflicts"):
         names: list[str] = []
@@ -35,15 +32,15 @@ def resolve(
             where = source.where("spec", field, written.index(name)) if own else source.where("spec", "profile")
             if field == "conflicts" and (name == service.name or name in service.needs):
                 what = "itself" if name == service.name else f"'{name}', which it needs"
-                diagnostics.append(Diagnostic(where, f"'{service.name}' conflicts with {what}", "dropping one of them"))
+                yield Diagnostic(where, f"'{service.name}' conflicts with {what}", "dropping one of them")
             elif name not in known:
                 by = "" if own else f" (by profile '{', '.join(source.spec.profile or [COMMON])}')"
-                diagnostics.append(Diagnostic(where, f"{field} unknown service '{name}'{by}", nearest(name, known)))
+                yield Diagnostic(where, f"{field} unknown service '{name}'{by}", nearest(name, known))
             names += [m for m in groups[name].services if m != service.name] if name in groups else [name]
         resolved[field] = tuple(dict.fromkeys(names))
     follows = {m for n in service.restarts_with for m in (groups[n].services if n in groups else [n])} - {service.name}
     needs, conflicts = resolved["needs"], resolved["conflicts"]
-    return replace(service, needs=needs, conflicts=conflicts, restarts_with=tuple(sorted(follows))), diagnostics
+    return replace(service, needs=needs, conflicts=conflicts, restarts_with=tuple(sorted(follows)))
 
 
 def unknown_profiles(source: Source, known: set[str]) -> Iterator[Diagnostic]:
@@ -64,29 +61,24 @@ def unknown_permitted(sources: Sources, known: set[str]) -> Iterator[Diagnostic]
                     yield unknown(source.where("spec", field, index), "service", other, known)
 
 
-def requests_of(
-    sources: Sources, known: set[str], requesters: set[str]
-) -> tuple[tuple[Request, ...], list[Diagnostic]]:
+def requests_of(sources: Sources, known: set[str], requesters: set[str]) -> Reading[tuple[Request, ...]]:
     """Standing requests, and the names in them that do not exist."""
-    diagnostics, found = [], []
+    found = []
     for name, source in sources.items():
         spec: Any = source.spec
         if spec.requester not in requesters:
-            diagnostics.append(unknown(source.where("spec", "requester"), "requester", spec.requester, requesters))
+            yield unknown(source.where("spec", "requester"), "requester", spec.requester, requesters)
         for index, service in enumerate(spec.services):
             if service not in known:
-                diagnostics.append(unknown(source.where("spec", "services", index), "service", service, known))
+                yield unknown(source.where("spec", "services", index), "service", service, known)
         where, services = source.where("metadata", "name"), tuple(spec.services)
         request = Request(name, spec.requester, services, spec.reason or "", standing=True, priority=spec.priority)
         found.append(replace(request, where=where))
-    return tuple(found), diagnostics
+    return tuple(found)
 
 
-def expand_groups(
-    sources: Sources, services: Mapping[str, Service], broken: set[str]
-) -> tuple[dict[str, Group], list[Diagnostic]]:
+def expand_groups(sources: Sources, services: Mapping[str, Service], broken: set[str]) -> Reading[dict[str, Group]]:
     """Groups with services as their members. Unknown members, and groups that contain each other, are errors."""
-    diagnostics: list[Diagnostic] = []
     graph: dict[str, list[str]] = {}
     for name, source in sources.items():
         graph[name] = []
@@ -94,16 +86,14 @@ def expand_groups(
             if member in sources:
                 graph[name].append(member)
             elif member not in services and member not in broken:
-                where = source.where("spec", "services", index)
-                diagnostics.append(unknown(where, "service", member, {*services, *sources}))
+                yield unknown(source.where("spec", "services", index), "service", member, {*services, *sources})
     rings = cycles(graph)
     for cycle in rings:
         source = sources[cycle[0]]
         where = source.where("spec", "services", list(source.spec.services).index(cycle[1]))
-        what = f"groups contain each other: {' -> '.join(cycle)}"
-        diagnostics.append(Diagnostic(where, what, "breaking the cycle"))
+        yield Diagnostic(where, f"groups contain each other: {' -> '.join(cycle)}", "breaking the cycle")
     if rings:
-        return {}, diagnostics
+        return {}
     groups: dict[str, Group] = {}
     for name in TopologicalSorter(graph).static_order():
         members: list[str] = []
@@ -111,7 +101,7 @@ def expand_groups(
             members += groups[member].services if member in groups else [member] if member in services else []
         place = sources[name].where("metadata", "name")
         groups[name] = Group(name, tuple(dict.fromkeys(members)), sources[name].description, place)
-    return groups, diagnostics
+    return groups
 
 
 def check_cycles(services: Mapping[str, Service], sources: Sources) -> Iterator[Diagnostic]:
@@ -124,8 +114,7 @@ def check_cycles(services: Mapping[str, Service], sources: Sources) -> Iterator[
             where = source.where("spec", "needs", written.index(cycle[1]))
         else:
             where = place_of(source, joined[0]) if joined else source.where("spec")
-        what = f"services need each other: {' -> '.join(cycle)}"
-        yield Diagnostic(where, what, "dropping one of these needs")
+        yield Diagnostic(where, f"services need each other: {' -> '.join(cycle)}", "dropping one of these needs")
 
 
 def check_conflicts(catalog: Catalog, sources: Sources) -> Iterator[Diagnostic]:

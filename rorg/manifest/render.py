@@ -3,8 +3,8 @@ rendered."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Iterator, Mapping
+from dataclasses import fields, replace
 from typing import Any
 
 from rorg.manifest.container_files import parameters_of
@@ -14,7 +14,7 @@ from rorg.manifest.probes import FORMS
 from rorg.manifest.profiles import SHIPPED, Merged
 from rorg.manifest.rendered_container import container_of
 from rorg.model.catalog import Idle, Probe, Service, Updating
-from rorg.model.diagnostics import Diagnostic
+from rorg.model.diagnostics import Diagnostic, Reading
 from rorg.model.policy import Budget, HistoryPolicy, ImagePolicy, Policy, Thresholds
 from rorg.model.ros import without_master
 
@@ -28,27 +28,29 @@ longer."""
 EXEC_INTERVAL = 1.0
 
 
-def render(source: Source, profile: Merged, policy: Any, engine: str = "") -> tuple[Service, list[Diagnostic]]:
+SAME = (
+    *("always_on", "conflicts", "exclusive", "may_request", "may_restart", "may_act_for", "may_manage"),
+    *("on_change", "priority"),
+)
+"""Fields that a Service takes from its manifest as they are."""
+
+
+def render(source: Source, profile: Merged, policy: Any, engine: str = "") -> Reading[Service]:
     """Returns the service of a manifest. `profile` already includes `common`; `policy` is the Policy's spec or None;
     `engine` is the engine's name if it is known."""
     spec: Any = source.spec
-    diagnostics, meta = list[Diagnostic](), spec.type == "meta"
+    meta = spec.type == "meta"
     needs = list(spec.needs) + [n for n in profile.needs if n.service != source.name and not meta]
-    container, origins, secrets = ({}, {}, ()) if meta else container_of(source, profile, diagnostics, engine)
+    container, origins, secrets = ({}, {}, ()) if meta else (yield from container_of(source, profile, engine))
     protected, interlock = _guard(spec, policy)
     master = _master(container)
+    ros = yield from parameters_of(source, master)
+    same: dict[str, Any] = {n: tuple(v) if isinstance(v := getattr(spec, n), list) else v for n in SAME}
     service = Service(
         name=source.name,
         meta=meta,
-        always_on=spec.always_on,
         needs=tuple(dict.fromkeys(n.service for n in needs)),
         restarts_with=tuple(sorted({n.service for n in needs if n.restart})),
-        conflicts=tuple(spec.conflicts),
-        exclusive=dict(spec.exclusive),
-        may_request=tuple(spec.may_request),
-        may_restart=tuple(spec.may_restart),
-        may_act_for=tuple(spec.may_act_for),
-        may_manage=tuple(spec.may_manage),
         idle=_idle(spec, profile, policy),
         update=_updating(spec, policy),
         ready=None if meta else probe(spec.ready or profile.ready, "ready", master),
@@ -56,11 +58,10 @@ def render(source: Source, profile: Merged, policy: Any, engine: str = "") -> tu
         interlock=None if meta else probe(interlock, "interlock", master),
         protected=protected,
         restart=spec.restart or profile.restart or "always",
-        on_change=spec.on_change,
-        priority=spec.priority,
         cpu=spec.resources.cpu,
         memory=spec.resources.memory,
-        ros=parameters_of(source, master, diagnostics),
+        ros=ros,
+        **same,
         **hardware(spec.driver, profile.without_hardware),
         spec=None if meta else container,
         secrets=secrets,
@@ -70,7 +71,15 @@ def render(source: Source, profile: Merged, policy: Any, engine: str = "") -> tu
         labels=source.labels,
         where=source.where("metadata", "name"),
     )
-    return service, [*diagnostics, *_endless(source, service)]
+    yield from _endless(source, service)
+    return service
+
+
+def _endless(source: Source, service: Service) -> Iterator[Diagnostic]:
+    """Reports a task that can never complete, because it restarts whenever it ends."""
+    if service.ready and service.ready.completed and service.restart == "always":
+        message = "a task that is restarted whenever it ends is never completed"
+        yield Diagnostic(source.where("spec", "ready"), message, "restart: on-failure, or never")
 
 
 def _master(container: Mapping[str, Any]) -> str:
@@ -82,14 +91,6 @@ def _master(container: Mapping[str, Any]) -> str:
     if without_master(environment, str(container.get("image") or ""), programs):
         return ""
     return str(environment.get("ROS_MASTER_URI", ROS_MASTER))
-
-
-def _endless(source: Source, service: Service) -> list[Diagnostic]:
-    """Reports a task that can never complete, because it restarts whenever it ends."""
-    if not (service.ready and service.ready.completed and service.restart == "always"):
-        return []
-    message = "a task that is restarted whenever it ends is never completed"
-    return [Diagnostic(source.where("spec", "ready"), message, "restart: on-failure, or never")]
 
 
 PREWARM = {"auto": 0.2, "off": 0.0}
@@ -128,27 +129,19 @@ def _guard(spec: Any, policy: Any) -> tuple[bool, Any]:
 
 def _updating(spec: Any, policy: Any) -> Updating:
     """Merges the Policy's `updates` with the manifest's `update`."""
-    first = policy.updates.model_dump() if policy and policy.updates else {}
-    said = {**first, **(spec.update.model_dump(exclude_none=True) if spec.update else {})}
+    models = (policy.updates if policy else None, spec.update)
+    said = {k: v for model in models if model for k, v in model.model_dump(exclude_none=True).items()}
     atomic = said.pop("atomic", False)
     return Updating(**said, atomic=atomic if isinstance(atomic, str) else ALL if atomic else "")
 
 
+PARTS = {"budget": Budget, "pressure": Thresholds, "images": ImagePolicy, "history": HistoryPolicy}
+
+
 def policy_of(spec: Any) -> Policy:
     """Converts the spec of a Policy."""
-    budget, pressure = spec.budget, spec.pressure
-    return Policy(
-        spec.resync,
-        spec.bulk_workers,
-        Budget(**budget.model_dump()) if budget else None,
-        Thresholds(**pressure.model_dump()) if pressure else None,
-        dict(spec.resources),
-        spec.purge_ros,
-        spec.purge_shm,
-        spec.removals,
-        ImagePolicy(**spec.images.model_dump()) if spec.images else ImagePolicy(),
-        HistoryPolicy(**spec.history.model_dump()) if spec.history else HistoryPolicy(),
-    )
+    same = {f.name: getattr(spec, f.name) for f in fields(Policy) if f.name not in PARTS}
+    return Policy(**same, **{n: kind(**part.model_dump()) for n, kind in PARTS.items() if (part := getattr(spec, n))})
 
 
 def probe(model: Any, role: str, master: str = "") -> Probe | None:

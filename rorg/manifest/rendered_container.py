@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Mapping
+from functools import reduce
 from pathlib import Path
 from typing import Any, cast
 
@@ -17,38 +18,33 @@ from rorg.manifest.documents import Source
 from rorg.manifest.driver import options_of
 from rorg.manifest.files import real
 from rorg.manifest.option_checks import FINAL
-from rorg.manifest.profiles import Merged, Origin, Origins, declared, merge_options, trace
+from rorg.manifest.profiles import Merged, Origin, Origins, declared, merge_options, origins_of
 from rorg.manifest.programs import for_engine
 from rorg.manifest.together import Clash, clashes
 from rorg.model.catalog import RUN
-from rorg.model.diagnostics import Diagnostic, nearest
+from rorg.model.diagnostics import Diagnostic, Reading, collected, nearest
 from rorg.model.volumes import mounted_at
 
 
 def container_of(
-    source: Source, profile: Merged, diagnostics: list[Diagnostic], engine: str
-) -> tuple[dict[str, Any], Origins, tuple[str, ...]]:
+    source: Source, profile: Merged, engine: str
+) -> Reading[tuple[dict[str, Any], Origins, tuple[str, ...]]]:
     """Returns the options, the origin of each, and the names of secret variables."""
     spec: Any = source.spec
     options = substitute(dict(profile.container), values_of(source))
-    origins = profile.origins
-    for over, part in parts(source, profile, diagnostics):
-        options = merge_options(options, over)
-        origins = trace(origins, options, over, Origin(part, profile=False))
-    options = _without(source, options, diagnostics)
-    of_files: dict[str, str] = {}
-    written, wrong = dict(options), list[Clash]()
-    if "volumes" in options:
-        options["volumes"] = [absolute(v, source.directory) for v in options["volumes"]]
-    if "env_file" in options:
-        said, of_files = options.get("environment", {}), env_files(source, options, wrong, diagnostics)
-        options["environment"] = {**of_files, **said}
-        of_files = {k: v for k, v in of_files.items() if k not in said}
-        del options["env_file"]
-    if "security_opt" in options:
-        options["security_opt"] = seccomp_sent(source, options["security_opt"], wrong)
-    diagnostics += [_as_diagnostic(source, written, origins, clash) for clash in wrong]
-    diagnostics += _check(source, options, origins)
+    added = yield from parts(source, profile)
+    options = reduce(merge_options, (over for over, _ in added), options)
+    own = [(Origin(part, profile=False), over) for over, part in added]
+    origins = origins_of(options, [*profile.layers, *own])
+    options = yield from _without(source, options)
+    written = dict(options)
+
+    def placed(found: Clash | Diagnostic) -> Diagnostic:
+        return _as_diagnostic(source, written, origins, found) if isinstance(found, Clash) else found
+
+    of_files, wrong = collected(_with_files(source, options))
+    yield from map(placed, wrong)
+    yield from _check(source, options, origins)
     options = for_engine(source, options, engine)
     options["image"] = spec.image
     if spec.command is not None:
@@ -57,36 +53,51 @@ def container_of(
     return options, origins, tuple(sorted(secrets))
 
 
-def _without(source: Source, options: dict[str, Any], diagnostics: list[Diagnostic]) -> dict[str, Any]:
+def _with_files(source: Source, options: dict[str, Any]) -> Generator[Clash | Diagnostic, None, set[str]]:
+    """Puts what is in files in the place of their names; returns the variables that come only from files."""
+    of_files: dict[str, str] = {}
+    said: dict[str, str] = options.get("environment", {})
+    if "volumes" in options:
+        options["volumes"] = [absolute(v, source.directory) for v in options["volumes"]]
+    if "env_file" in options:
+        of_files = yield from env_files(source, options)
+        options["environment"] = {**of_files, **said}
+        del options["env_file"]
+    if "security_opt" in options:
+        options["security_opt"] = yield from seccomp_sent(source, options["security_opt"])
+    return of_files.keys() - said.keys()
+
+
+def _without(source: Source, options: dict[str, Any]) -> Reading[dict[str, Any]]:
     """The options without the variables of the profile that the manifest unsets."""
     spec, known = cast(Any, source.spec), options.get("environment", {})
     own = declared(spec.container).get("environment", {})
     for index, name in enumerate(spec.unset_environment):
         where = source.where("spec", "unset_environment", index)
         if name in own:
-            diagnostics.append(Diagnostic(where, f"'{name}' is both set and unset", "one of them"))
+            yield Diagnostic(where, f"'{name}' is both set and unset", "one of them")
         elif name not in known:
-            remedy = nearest(name, known) or "leaving it out"
-            diagnostics.append(Diagnostic(where, f"no profile of it gives '{name}'", remedy))
+            yield Diagnostic(where, f"no profile of it gives '{name}'", nearest(name, known) or "leaving it out")
     kept = {k: v for k, v in known.items() if k not in spec.unset_environment}
     return {**options, "environment": kept} if spec.unset_environment else options
 
 
-def parts(source: Source, profile: Merged, diagnostics: list[Diagnostic]) -> Iterator[tuple[dict[str, Any], str]]:
-    """Yields the options that the manifest adds to its profile, with the name of the part that adds them."""
+def parts(source: Source, profile: Merged) -> Reading[list[tuple[dict[str, Any], str]]]:
+    """Returns the options that the manifest adds to its profile, with the name of the part that adds them."""
     spec: Any = source.spec
-    if spec.driver:
-        yield options_of(spec.driver, profile.without_hardware), "driver"
+    found = [(options_of(spec.driver, profile.without_hardware), "driver")] if spec.driver else []
     own = declared(spec.container)
-    mounts = [m for m in _mounts(source, diagnostics) if m not in own.get("volumes", ())] if spec.mounts else []
+    volumes = yield from _mounts(source)
+    mounts = [m for m in volumes if m not in own.get("volumes", ())]
     if mounts:  # not merged: a volume of this manifest at the same target is a mistake
         own = {**own, "volumes": own.get("volumes", []) + mounts}
-    yield own, "this manifest"
+    found.append((own, "this manifest"))
     if spec.may_request or spec.may_manage or spec.may_act_for:
         folder = f"{RUN}/services/{source.name}"
         # The directory, not the socket: after a restart of rorg, a mounted socket is dead.
         socket = {"RORG_SOCKET": f"{folder}/rorg.sock"}
-        yield {"volumes": [f"{folder}:{folder}:ro"], "environment": socket}, "may_request"
+        found.append(({"volumes": [f"{folder}:{folder}:ro"], "environment": socket}, "may_request"))
+    return found
 
 
 def values_of(source: Source) -> dict[str, str]:
@@ -108,16 +119,16 @@ def substitute(value: Any, values: Mapping[str, str]) -> Any:
     return [substitute(v, values) for v in value] if isinstance(value, list) else value
 
 
-def _mounts(source: Source, diagnostics: list[Diagnostic]) -> list[str]:
+def _mounts(source: Source) -> Reading[list[str]]:
     volumes = []
-    for index, mount in enumerate(source.spec.mounts):
+    for index, mount in enumerate(source.spec.mounts or ()):
         where = source.where("spec", "mounts", index)
         local, _, target = mount.partition(":")
         if not target.startswith("/") or ":" in target or not local or local.startswith("/"):
-            diagnostics.append(Diagnostic(where, f"'{mount}' is not a mount", "./dir:/path/in/container"))
+            yield Diagnostic(where, f"'{mount}' is not a mount", "./dir:/path/in/container")
         elif not os.path.exists(source.directory / local):
             message = f"'{local}' does not exist beside this manifest"
-            diagnostics.append(Diagnostic(where, message, "creating it", code="missing-mount-source"))
+            yield Diagnostic(where, message, "creating it", code="missing-mount-source")
         else:
             volumes.append(f"{real(source.directory / local)}:{target}:ro")
     return volumes

@@ -63,76 +63,20 @@ def _tell(definition: dict[str, Any], texts: Mapping[str, FieldText]) -> None:
             del found["default"]  # null is the internal default; it is never written
 
 
-# Name of a field -> the forms that a validator converts to the type of the model.
-_WORDS = [{"type": "string"}, {"type": "array", "items": {"type": "string"}}]
-_SCALAR = {"type": ["string", "number"]}
-_PAIR = {"type": ["string", "number", "boolean", "null"]}
-_WRITTEN: dict[str, list[Any]] = {
-    "command": _WORDS,
-    "exec": _WORDS,
-    "import": _WORDS,
-    "entrypoint": _WORDS,
-    "dns": _WORDS,
-    "dns_opt": _WORDS,
-    "dns_search": _WORDS,
-    "env_file": [
-        {"type": "string"},
-        {"$ref": "#/$defs/EnvFile"},
-        {"type": "array", "items": {"anyOf": [{"type": "string"}, {"$ref": "#/$defs/EnvFile"}]}},
-    ],
-    "devices": [{"type": "array", "items": {"anyOf": [{"type": "string"}, {"$ref": "#/$defs/DeviceEntry"}]}}],
-    "tmpfs": _WORDS,
-    "gpus": [{"const": "all"}, {"type": "array"}],
-    "test": _WORDS,
-    "networks": [{"type": "array", "items": {"type": "string"}}, {"type": "object"}],
-    "extra_hosts": [{"type": "array", "items": {"type": "string"}}, {"type": "object"}],
-    "ports": [{"type": "array", "items": {"anyOf": [_SCALAR, {"$ref": "#/$defs/Port"}]}}],
-    "expose": [{"type": "array", "items": _SCALAR}],
-    "group_add": [{"type": "array", "items": _SCALAR}],
-    "groups": [{"type": "array", "items": _SCALAR}],
-    "user": [_SCALAR],
-    "cpuset": [_SCALAR],
-    "cpuset_mems": [_SCALAR],
-    "cpus": [_SCALAR],
-    "needs": [{"type": "array", "items": {"anyOf": [{"type": "string"}, {"$ref": "#/$defs/Need"}]}}],
-    "exclusive": [{"type": "array", "items": {"type": "string"}}, {"type": "object"}],
-    "ulimits": [
-        {"type": "object", "additionalProperties": {"anyOf": [{"type": "integer"}, {"$ref": "#/$defs/Ulimit"}]}}
-    ],
-}
 _PLAIN = ("integer", "number", "boolean")
 _VARIABLE = {"type": "string", "pattern": r"\$\{.+\}"}
 _TOLD = ("description", "default", "examples", "title", "x-rorg-change")
-_PAIRS = ("environment", "labels", "annotations", "sysctls", "storage_opt", "options", "args", "driver_opts")
 
 
 def _loosen(value: Any) -> Any:
-    """Allows all written forms of fields that accept several; the rest stays as pydantic generates it."""
+    """Allows variables in all fields; the rest stays as pydantic generates it."""
     if isinstance(value, list):
         return [_loosen(item) for item in value]
     if not isinstance(value, dict):
         return value
-    if value.get("$ref", "").endswith("Spread"):
-        return {"anyOf": [value, _SCALAR, {"type": "array", "items": _SCALAR}]}
     found = {k: _loosen(v) for k, v in value.items()}
-    fields = found.get("properties")
-    properties: dict[str, Any] = fields if isinstance(fields, dict) else {}
-    for name, field in properties.items():
-        if any("$ref" in form for form in field.get("anyOf", ())):
-            continue  # a mapping with its own model, such as tmpfs of a mount
-        if name == "devices" and "DriverDevice" in field.get("items", {}).get("$ref", ""):
-            field["items"] = {"anyOf": [{"type": "string"}, field["items"]]}
-            continue
-        written: list[Any] | None = _WRITTEN.get(name)
-        if name in _PAIRS:
-            written = [
-                {"type": "object", "additionalProperties": _PAIR},
-                {"type": "array", "items": {"type": "string"}},
-            ]
-        if written:
-            kept = {k: v for k, v in field.items() if k in _TOLD}
-            properties[name] = {"anyOf": [*written, {"type": "null"}], **kept}
-        properties[name] = _or_variable(properties[name])
+    if isinstance(fields := found.get("properties"), dict):
+        found["properties"] = {name: _or_variable(field) for name, field in fields.items()}
     return found
 
 

@@ -12,17 +12,17 @@ from rorg.manifest.documents import Source, manifest_files
 from rorg.manifest.files import read_text
 from rorg.manifest.yaml_source import read_yaml
 from rorg.model.catalog import SHORTEST_SECRET, Image, Service
-from rorg.model.diagnostics import Diagnostic, nearest
+from rorg.model.diagnostics import Diagnostic, Reading, nearest
 from rorg.model.image_names import declared
 
 
 def secrets_of(
     services: Mapping[str, Service], images: Mapping[str, Image], sources: Mapping[str, Source]
-) -> tuple[dict[str, Image], list[Diagnostic]]:
+) -> Reading[dict[str, Image]]:
     """Marks build arguments as secret if a service that uses the Image declares them secret. A name that does not exist
     is an error: it is probably misspelt and hides nothing. A value that is too short to be found in other text is a
     warning."""
-    found, diagnostics = dict(images), list[Diagnostic]()
+    found = dict(images)
     for name, source in sources.items():
         service = services[name]
         variables = (service.spec or {}).get("environment", {})
@@ -37,12 +37,12 @@ def secrets_of(
                 known = {*variables, *(a for i in under for a in images[i].args)}
                 remedy = nearest(secret, known) or "naming one that is in container.environment or an env_file"
                 message = f"'{secret}' is neither a variable of '{name}' nor an argument of its image"
-                diagnostics.append(Diagnostic(where, message, remedy))
+                yield Diagnostic(where, message, remedy)
             elif any(0 < len(value) < SHORTEST_SECRET for value in values):
                 message = f"the value of '{secret}' is too short to be hidden where it is part of other text"
                 remedy = f"one of at least {SHORTEST_SECRET} characters"
-                diagnostics.append(Diagnostic(where, message, remedy, "warning"))
-    return found, diagnostics
+                yield Diagnostic(where, message, remedy, "warning")
+    return found
 
 
 def _under(image: str, images: Mapping[str, Image]) -> list[str]:

@@ -10,8 +10,8 @@ from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 from rorg.manifest import option_checks as check
 from rorg.manifest.container import ContainerOptions
 from rorg.manifest.driver import Driver
-from rorg.manifest.fields import Written, recreate, unchanging
-from rorg.manifest.option_forms import Memory, Name, Strict, Words
+from rorg.manifest.fields import TEXT, Written, recreate, unchanging
+from rorg.manifest.option_forms import Memory, Name, Strict, Words, one_or_many
 from rorg.manifest.policy import Idle, Units, Update
 from rorg.manifest.probes import Interlock, Live, Ready
 from rorg.manifest.ros import Ros
@@ -48,15 +48,13 @@ def _on_change(value: object) -> object:
     return name
 
 
-NAMED = {"type": "string", "pattern": NAME}
 SECRET = r"^[A-Za-z_][A-Za-z0-9_.-]{0,254}$"
 VARIABLE = r"^[A-Za-z_*?][A-Za-z0-9_*?]*$"
 
 Inherited = Annotated[
     list[Annotated[str, Field(pattern=VARIABLE)]],
     BeforeValidator(lambda value: ["*"] if value == "all" else value),
-    WithJsonSchema({"anyOf": [{"const": "all"}, {"type": "array", "items": {"type": "string", "pattern": VARIABLE}}]}),
-    Written("all | list of names and patterns"),
+    Written("all | list of names and patterns", {"const": "all"}),
 ]
 OnChange = Annotated[
     str,
@@ -66,13 +64,12 @@ OnChange = Annotated[
 ]
 ProfileNames = Annotated[
     list[Name],
-    BeforeValidator(lambda value: [value] if isinstance(value, str) else value),
+    BeforeValidator(one_or_many),
     Field(min_length=1),
-    WithJsonSchema({"anyOf": [NAMED, {"type": "array", "items": NAMED, "minItems": 1}]}),
-    Written("name | list of name"),
+    Written("name | list of name", {"type": "string", "pattern": NAME}),
 ]
 _NeedForm = BeforeValidator(lambda value: {"service": value} if isinstance(value, str) else value)
-Needs = list[Annotated[Need, _NeedForm, Written("name | Need")]]
+Needs = list[Annotated[Need, _NeedForm, Written("name | Need", TEXT)]]
 Restart = Literal["always", "on-failure", "never"]
 
 

@@ -14,7 +14,7 @@ from rorg.manifest.fields import Written, field
 from rorg.manifest.one_document import OneDocument, read_document
 from rorg.manifest.option_forms import Duration, Name, Strict
 from rorg.manifest.yaml_text import Inline, yaml_text
-from rorg.model.diagnostics import Diagnostic, nearest
+from rorg.model.diagnostics import Diagnostic, Reading, nearest, unknown
 from rorg.model.trace import Trace, TraceEvent
 from rorg.model.units import format_duration
 
@@ -61,29 +61,29 @@ def read_trace(path: Path, known: Collection[str] | None = None) -> Trace:
     return read_document(path, "Trace", TraceSpec, lambda found: _trace(found, known))
 
 
-def _trace(found: OneDocument[TraceSpec], known: Collection[str] | None) -> tuple[Trace, list[Diagnostic]]:
-    diagnostics = [] if known is None else list(_unknown(found, known))
+def _trace(found: OneDocument[TraceSpec], known: Collection[str] | None) -> Reading[Trace]:
+    if known is not None:
+        yield from _unknown(found, known)
     spec, events, before = found.spec, list[TraceEvent](), 0.0
     held: set[tuple[str, str]] = set()
     for index, entry in enumerate(spec.events):
-        where = found.document.where
+        where, path = found.document.where, ("spec", "events", index)
         if entry.at < before:
-            what = f"it comes after an entry of {before:g} s"
-            diagnostics.append(Diagnostic(where(("spec", "events", index, "at")), what, "ordering entries by time"))
+            yield Diagnostic(
+                where((*path, "at")), f"it comes after an entry of {before:g} s", "ordering entries by time"
+            )
         if entry.at > spec.duration:
             what = f"after the end of the trace, {spec.duration:g} s"
-            diagnostics.append(Diagnostic(where(("spec", "events", index, "at")), what, "a longer duration"))
+            yield Diagnostic(where((*path, "at")), what, "a longer duration")
         before = max(before, entry.at)
         if entry.state is not None and entry.state not in spec.states:
-            what, remedy = f"unknown state '{entry.state}'", nearest(entry.state, spec.states)
-            diagnostics.append(Diagnostic(where(("spec", "events", index, "state")), what, remedy))
+            yield unknown(where((*path, "state")), "state", entry.state, spec.states)
         event = _event(spec, entry)
         if entry.release is not None and (event.requester, event.id) not in held:
-            what = f"{event.requester} holds no request '{event.id}' then"
-            diagnostics.append(Diagnostic(where(("spec", "events", index, "release")), what))
+            yield Diagnostic(where((*path, "release")), f"{event.requester} holds no request '{event.id}' then")
         (held.add if event.services else held.discard)((event.requester, event.id))
         events.append(event)
-    return Trace(found.name, spec.duration, tuple(events), found.description), diagnostics
+    return Trace(found.name, spec.duration, tuple(events), found.description)
 
 
 def _event(spec: TraceSpec, entry: TraceEntry) -> TraceEvent:

@@ -10,7 +10,7 @@ from typing import Any
 from rorg.manifest.documents import Source
 from rorg.manifest.programs import of_this_machine
 from rorg.model.catalog import Service
-from rorg.model.diagnostics import Diagnostic, close_to
+from rorg.model.diagnostics import Diagnostic, Reading, close_to
 from rorg.model.objects import EngineObject, Kind, keys_of
 
 Objects = Mapping[str, EngineObject]
@@ -26,22 +26,20 @@ LEFT_OUT: Mapping[Kind, str] = {
 """Their use if services are plain processes."""
 
 
-def objects_of(
-    kind: Kind, sources: Mapping[str, Source], engine: str
-) -> tuple[dict[str, EngineObject], list[Diagnostic]]:
+def objects_of(kind: Kind, sources: Mapping[str, Source], engine: str) -> Reading[dict[str, EngineObject]]:
     """Returns all objects of one kind. Two with the same engine name are an error. If `engine` does not have them, one
     warning says so."""
     found = {name: _object(kind, source) for name, source in sources.items()}
-    diagnostics, owners = [], dict[str, str]()
+    owners: dict[str, str] = {}
     for name, one in found.items():
         first = owners.setdefault(one.called, name)
         if first != name:
             where = sources[name].where("spec", "name") if one.called != name else sources[name].where("metadata")
-            diagnostics.append(Diagnostic(where, f"the {kind} '{first}' is called '{one.called}' too", "another name"))
+            yield Diagnostic(where, f"the {kind} '{first}' is called '{one.called}' too", "another name")
     if found and of_this_machine(engine):
         where = sources[min(found)].where("kind")
-        diagnostics.append(Diagnostic(where, LEFT_OUT[kind], "the docker engine, where that matters", "warning"))
-    return found, diagnostics
+        yield Diagnostic(where, LEFT_OUT[kind], "the docker engine, where that matters", "warning")
+    return found
 
 
 def _object(kind: Kind, source: Source) -> EngineObject:

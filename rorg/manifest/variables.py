@@ -13,7 +13,7 @@ A bare NAME in `environment`, or in the `args` of an Image, takes the value of t
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -25,7 +25,7 @@ from rorg.manifest.template import Budget, Refused, interpolate, reference_at
 from rorg.manifest.template import variables as references
 from rorg.manifest.yaml_source import Document, Use
 from rorg.manifest.yaml_source import Path as Loc
-from rorg.model.diagnostics import Diagnostic, Where, nearest
+from rorg.model.diagnostics import Diagnostic, Reading, Where, nearest
 
 FILE = "robot.env"
 TAKEN = "service"
@@ -56,11 +56,10 @@ def variable_files(root: Path, robot: str) -> list[Path]:
     return [root / FILE, *([root / FOLDER / robot / FILE] if robot else [])]
 
 
-def read_variables(root: Path, robot: str) -> tuple[Variables, list[Diagnostic]]:
-    """Reads the variables of a tree; returns them with all mistakes in their files."""
+def read_variables(root: Path, robot: str) -> Reading[Variables]:
+    """Reads the variables of a tree."""
     values: dict[str, str] = {}
     places: dict[str, Where] = {}
-    diagnostics: list[Diagnostic] = []
     declared = False
     for path in variable_files(root, robot):
         try:
@@ -68,31 +67,29 @@ def read_variables(root: Path, robot: str) -> tuple[Variables, list[Diagnostic]]
         except FileNotFoundError:
             continue
         except OSError as error:
-            found = Diagnostic(Where(str(path)), f"cannot be read: {error.strerror}", "fixing or deleting it")
-            diagnostics.append(found)
+            yield Diagnostic(Where(str(path)), f"cannot be read: {error.strerror}", "fixing or deleting it")
             continue
         declared = True
-        diagnostics += _declare(text, str(path), values, places)
-    return Variables(values, places, declared), diagnostics
+        yield from _declare(text, str(path), values, places)
+    return Variables(values, places, declared)
 
 
-def _declare(text: str, file: str, values: dict[str, str], places: dict[str, Where]) -> list[Diagnostic]:
+def _declare(text: str, file: str, values: dict[str, str], places: dict[str, Where]) -> Iterator[Diagnostic]:
     """Adds the variables of one file."""
     entries, mistakes = read_dotenv(text, lambda _: None, values)
-    diagnostics = [Diagnostic(Where(file, m.line, m.column), m.message, m.remedy) for m in mistakes]
+    yield from (Diagnostic(Where(file, m.line, m.column), m.message, m.remedy) for m in mistakes)
     for entry in entries:
         where = Where(file, entry.line, entry.column)
         if entry.name == TAKEN or not _NAME.fullmatch(entry.name):
             message = f"a variable cannot be called '{entry.name}'"
-            diagnostics.append(Diagnostic(where, message, "capital letters, digits and _, such as ROBOT_NAME"))
+            yield Diagnostic(where, message, "capital letters, digits and _, such as ROBOT_NAME")
         elif entry.value is None:
-            diagnostics.append(Diagnostic(where, f"'{entry.name}' has no value", f"{entry.name}=value"))
+            yield Diagnostic(where, f"'{entry.name}' has no value", f"{entry.name}=value")
         for name in entry.unset:
             message = f"{entry.name} is made of '{name}', which no line before it declares"
-            diagnostics.append(Diagnostic(where, message, f"{name}=value in a line before it"))
+            yield Diagnostic(where, message, f"{name}=value in a line before it")
         values[entry.name] = entry.value or ""
         places[entry.name] = where
-    return diagnostics
 
 
 def fill(document: Document, variables: Variables) -> tuple[Document, list[Diagnostic]]:

@@ -9,10 +9,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
-from rorg.manifest.fields import Written, field
+from rorg.manifest.fields import SCALAR, Written, field
 from rorg.manifest.one_document import OneDocument, read_document
 from rorg.manifest.option_forms import Duration, Memory, Name, Strict
-from rorg.model.diagnostics import Diagnostic, nearest
+from rorg.model.diagnostics import Diagnostic, Reading, unknown
 from rorg.model.workload import Behaviour, Distribution, Workload
 
 Cores = Annotated[float, Field(strict=False, ge=0), Written("number of cores")]
@@ -60,9 +60,10 @@ class DurationSpread(_Spread):
     values: Annotated[list[Duration], Field(min_length=1)] | None = field("Measured values.", ["1.8s", "2.3s"])
 
 
-CoresForm = Annotated[CoresSpread, BeforeValidator(_spread), Written("number of cores | CoresSpread | list")]
-SizeForm = Annotated[SizeSpread, BeforeValidator(_spread), Written("size | SizeSpread | list")]
-DurationForm = Annotated[DurationSpread, BeforeValidator(_spread), Written("duration | DurationSpread | list")]
+_FORMS = (SCALAR, {"type": "array", "items": SCALAR})
+CoresForm = Annotated[CoresSpread, BeforeValidator(_spread), Written("number of cores | CoresSpread | list", *_FORMS)]
+SizeForm = Annotated[SizeSpread, BeforeValidator(_spread), Written("size | SizeSpread | list", *_FORMS)]
+DurationForm = Annotated[DurationSpread, BeforeValidator(_spread), Written("duration | DurationSpread | list", *_FORMS)]
 
 
 class CpuUse(Strict):
@@ -113,29 +114,26 @@ def read_workload(path: Path) -> Workload:
     return read_document(path, "Workload", WorkloadSpec, _workload)
 
 
-def _workload(found: OneDocument[WorkloadSpec]) -> tuple[Workload, list[Diagnostic]]:
-    spec, diagnostics = found.spec, list[Diagnostic]()
+def _workload(found: OneDocument[WorkloadSpec]) -> Reading[Workload]:
+    spec = found.spec
     places = list[tuple[tuple[str, ...], BehaviourSpec]]()
     places += [(("services", name), one) for name, one in spec.services.items()]
     places += [(("classes", name), one) for name, one in spec.classes.items()]
     places += [(("others",), spec.others)] if spec.others else []
     for path, one in places:
+        where = found.document.where(("spec", *path, "class"))
         if one.class_ is not None and path[0] == "classes":
-            where = found.document.where(("spec", *path, "class"))
-            diagnostics.append(Diagnostic(where, "a class has no class of its own", "saying everything in one"))
+            yield Diagnostic(where, "a class has no class of its own", "saying everything in one")
         elif one.class_ is not None and one.class_ not in spec.classes:
-            where = found.document.where(("spec", *path, "class"))
-            diagnostics.append(Diagnostic(where, f"unknown class '{one.class_}'", nearest(one.class_, spec.classes)))
-    if diagnostics:
-        return Workload(), diagnostics
+            yield unknown(where, "class", one.class_, spec.classes)
     services = {name: _behaviour(one, spec.classes) for name, one in spec.services.items()}
     others = _behaviour(spec.others or BehaviourSpec(), spec.classes)
     calls = {str(verb): one.distribution for verb, one in spec.calls.items()}
-    return Workload(found.name, services, others, calls), []
+    return Workload(found.name, services, others, calls)
 
 
 def _behaviour(spec: BehaviourSpec, classes: Mapping[str, BehaviourSpec]) -> Behaviour:
-    shared = classes[spec.class_] if spec.class_ else BehaviourSpec()
+    shared = classes.get(spec.class_ or "", BehaviourSpec())
 
     def use(of: str, when: str) -> Distribution | None:
         found = (getattr(getattr(one, of), when, None) for one in (spec, shared))

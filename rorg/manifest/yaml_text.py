@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -79,6 +79,8 @@ def _mapping(value: Mapping[str, Any]) -> list[str]:
 def _entry(head: str, item: Any) -> list[str]:
     """Writes `head` with its value behind or below it."""
     item, comment = (item.value, f"   # {one_line(item.comment)}") if isinstance(item, Noted) else (item, "")
+    if head == "-" and isinstance(item, Mapping):
+        item = Inline(item)
     inline = _flow(item) if not isinstance(item, Mapping) or not item else ""
     if isinstance(item, Inline):
         inline, item = _flow(item.value), item.value
@@ -88,24 +90,8 @@ def _entry(head: str, item: Any) -> list[str]:
         return [f"{head}{comment}", *(f"  {line}" if line else "" for line in _mapping(item))]
     if isinstance(item, str):
         return _text(head, item, comment)
-    return [f"{head}{comment}", *(f"  {line}" if line else "" for line in _items(item))]
-
-
-def _items(value: Sequence[Any]) -> list[str]:
-    """Writes a list with one line per item."""
-    found: list[str] = []
-    for item in value:
-        if isinstance(item, Mapping | Noted | Inline):
-            inner = item.value if isinstance(item, Noted) else item
-            entry = _entry("-", Noted(_inline(inner), item.comment) if isinstance(item, Noted) else _inline(inner))
-            found += entry
-        else:
-            found += _entry("-", item)
-    return found
-
-
-def _inline(item: Any) -> Any:
-    return Inline(item) if isinstance(item, Mapping) else item
+    below = (line for one in item for line in _entry("-", one))
+    return [f"{head}{comment}", *(f"  {line}" if line else "" for line in below)]
 
 
 def _flow(value: Any) -> str:

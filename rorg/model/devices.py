@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-UNPLUGGED = ("stop", "keep")
-"""The reaction when a driver's device is unplugged."""
-
 
 @dataclass(frozen=True, slots=True)
 class Device:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from typing import TypeVar
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -44,15 +45,24 @@ class Diagnostic:
         return f"{self.where}: {self.severity}: {self.message}{tail}{code}".replace("\n", "\\n")
 
     def as_json(self) -> dict[str, str | int]:
-        return {
-            "file": self.where.file,
-            "line": self.where.line,
-            "column": self.where.column,
-            "severity": self.severity,
-            "message": self.message,
-            "remedy": self.remedy,
-            "code": self.code,
-        }
+        names = ("severity", "message", "remedy", "code")
+        return asdict(self.where) | {name: getattr(self, name) for name in names}
+
+
+T = TypeVar("T")
+Y = TypeVar("Y")
+Reading = Generator[Diagnostic, None, T]
+"""Yields what is wrong, and returns what it read."""
+
+
+def collected(reading: Generator[Y, None, T]) -> tuple[T, list[Y]]:
+    """Runs a reading; returns what it read, and everything that is wrong."""
+    found: list[Y] = []
+    while True:
+        try:
+            found.append(next(reading))
+        except StopIteration as end:
+            return end.value, found
 
 
 MOST_SUGGESTIONS = 100
