@@ -9,11 +9,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from rorg.manifest.container import ContainerOptions
 from rorg.manifest.container_files import parameter_files, seccomp_file
 from rorg.manifest.documents import Source
 from rorg.manifest.files import real
 from rorg.manifest.long_forms import read_env_files
+from rorg.manifest.profiles import declared
 from rorg.manifest.programs import missing
+from rorg.model.volumes import read_mount
 
 
 @dataclass(frozen=True)
@@ -56,14 +59,8 @@ def inputs(root: Path, by_kind: Mapping[str, Mapping[str, Source]]) -> Inputs:
     return Inputs(frozenset(files), inside, frozenset(contexts))
 
 
-def _sources(options: Any) -> Iterator[str]:
+def _sources(options: ContainerOptions | None) -> Iterator[str]:
     """Host paths that a container mounts read-only."""
-    for volume in getattr(options, "volumes", None) or ():
-        source: str | None
-        if isinstance(volume, str):
-            source, _, rest = volume.partition(":")
-            reads = "ro" in rest.partition(":")[2].split(",")
-        else:
-            source, reads = getattr(volume, "source", None), bool(getattr(volume, "read_only", False))
-        if reads and source and source.startswith((".", "/")):
-            yield source
+    for mount in map(read_mount, declared(options).get("volumes", ())):
+        if mount.read_only and mount.source.startswith((".", "/")):
+            yield mount.source

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from rorg.model.diagnostics import Where
-from rorg.model.volumes import is_path
+from rorg.model.volumes import is_path, read_mount
 
 Kind = Literal["network", "volume"]
 KINDS: tuple[Kind, ...] = ("network", "volume")
@@ -60,13 +60,6 @@ def keys_of(spec: Mapping[str, Any]) -> Iterator[str]:
     if spec.get("network_mode"):
         yield subject("network", str(spec["network_mode"]))
     for volume in spec.get("volumes") or ():
-        if name := _named(volume):
-            yield subject("volume", name)
-
-
-def _named(volume: Any) -> str:
-    """The name of a volume; empty for a path of the host and for an unnamed volume."""
-    if isinstance(volume, Mapping):
-        return str(volume.get("source") or "") if volume.get("type") == "volume" else ""
-    source, colon, _ = volume.partition(":")
-    return source if colon and not is_path(source) else ""
+        source = read_mount(volume).source
+        if source and not is_path(source):
+            yield subject("volume", source)

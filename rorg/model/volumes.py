@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 VOLUME_NAME = r"[a-zA-Z0-9][a-zA-Z0-9_.-]+"
 ACCESS = ("rw", "ro")
@@ -63,9 +63,33 @@ def same_path(path: str) -> str:
     return "/" + "/".join(part for part in path.split("/") if part not in ("", "."))
 
 
+class Mount(NamedTuple):
+    """A mounted volume, read from its short or its long form."""
+
+    source: str
+    """A path of the host, the name of a volume, or "" for an unnamed volume."""
+    target: str
+    """The normalized path in the container."""
+    read_only: bool
+
+    @property
+    def path(self) -> str:
+        """Path on the host; empty for a named volume."""
+        return self.source.rstrip("/") or "/" if self.source.startswith("/") else ""
+
+
+def read_mount(volume: str | Mapping[str, Any]) -> Mount:
+    """Reads a volume of a container that was checked."""
+    if not isinstance(volume, str):
+        return Mount(str(volume.get("source") or ""), same_path(volume["target"]), bool(volume.get("read_only")))
+    source, colon, rest = volume.partition(":")
+    target, _, modes = rest.partition(":")
+    return Mount(source if colon else "", same_path(target if colon else source), "ro" in modes.split(","))
+
+
 def mounted_at(volume: str | Mapping[str, Any]) -> str:
     """The normalized path of a volume in the container."""
-    return same_path(volume.split(":")[:2][-1] if isinstance(volume, str) else volume["target"])
+    return read_mount(volume).target
 
 
 def parse_device(text: str) -> tuple[str, str, str]:

@@ -43,8 +43,7 @@ def _whole(subject: Subject) -> Iterator[Finding]:
         if mount.path == "/dev":
             message = f"'{subject.name}' mounts /dev whole, with the shared memory of this machine"
             yield Finding("whole-dev-mounted", subject.volume(mount), message)
-    if any(host.rstrip("/") == "/dev" for host, _ in subject.devices):
-        host = next(host for host, _ in subject.devices if host.rstrip("/") == "/dev")
+    if host := next((host for host, _ in subject.devices if host.rstrip("/") == "/dev"), ""):
         message = f"'{subject.name}' gets every device that exists when its container is created"
         yield Finding("whole-dev-mounted", subject.device(host), message)
 
@@ -69,8 +68,7 @@ def _privileges(subject: Subject) -> Iterator[Finding]:
     for cap in subject.options.get("cap_add") or ():
         short = str(cap).upper().removeprefix("CAP_")
         if short in ("SYS_ADMIN", "ALL"):
-            message = f"{cap} is as much as root on this machine"
-            yield Finding("sys-admin", subject.item("cap_add", cap), message)
+            yield Finding("sys-admin", subject.item("cap_add", cap), f"{cap} is as much as root on this machine")
 
 
 def _shared(robot: Robot) -> Iterator[Finding]:

@@ -39,7 +39,7 @@ def _expected(subject: Subject) -> Iterator[Finding]:
 
 
 def _budgets(robot: Robot) -> Iterator[Finding]:
-    """Always-on services that exceed the Policy's budget."""
+    """Always-on services that exceed the Policy's budget, and services that it cannot count."""
     budget = robot.catalog.policy.budget
     policy = next(iter(robot.sources.get("Policy", {}).values()), None)
     if budget is None or policy is None:
@@ -52,35 +52,23 @@ def _budgets(robot: Robot) -> Iterator[Finding]:
         if most is not None and used > most:
             message = f"always-on services use {shown}, more than the budget"
             yield Finding("always-on-over-budget", policy.where("spec", "budget", name), message)
+    for subject in (s for s in robot.subjects if not (s.service.cpu or s.service.memory)):
+        message = f"the Policy has a budget, but '{subject.name}' does not count in it"
+        yield Finding("budget-without-resources", subject.source.where("metadata", "name"), message)
 
 
-def _uncounted(robot: Robot) -> Iterator[Finding]:
-    """Services that the budget cannot count."""
-    budget = robot.catalog.policy.budget
-    if budget is None:
-        return
-    for subject in robot.subjects:
-        if not (subject.service.cpu or subject.service.memory):
-            message = f"the Policy has a budget, but '{subject.name}' does not count in it"
-            yield Finding("budget-without-resources", subject.source.where("metadata", "name"), message)
-
-
-def _read_only(robot: Robot) -> Iterator[Finding]:
-    """Read-only containers: ROS writes logs before it does anything else."""
-    for subject in (s for s in robot.subjects if s.ros and s.options.get("read_only")):
-        writes = subject.options.get("tmpfs") or any(not m.read_only for m in subject.mounts)
-        if not writes:
-            message = f"'{subject.name}' cannot write anywhere, and ROS starts with a log file"
-            yield Finding("read-only-ros", subject.option("read_only"), message)
-
-
-def _homes(robot: Robot) -> Iterator[Finding]:
-    """Users that the image may not know: their home is /, and ROS writes there."""
-    for subject in (s for s in robot.subjects if s.ros and s.uid.isdigit() and s.uid != "0"):
-        told = any(name in subject.env for name in ("HOME", "ROS_HOME", "ROS_LOG_DIR"))
-        if not told and not any(mount.target == "/.ros" for mount in subject.mounts):
-            message = f"user {subject.uid} has no home unless the image knows it, and ROS writes to ~/.ros"
-            yield Finding("user-without-home", subject.option("user"), message)
+def _writing(subject: Subject) -> Iterator[Finding]:
+    """Containers without a place for the logs that ROS writes before it does anything else: those that are read-only,
+    and those of users that the image may not know, whose home is /."""
+    writes = subject.options.get("tmpfs") or any(not m.read_only for m in subject.mounts)
+    if subject.ros and subject.options.get("read_only") and not writes:
+        message = f"'{subject.name}' cannot write anywhere, and ROS starts with a log file"
+        yield Finding("read-only-ros", subject.option("read_only"), message)
+    home = not {"HOME", "ROS_HOME", "ROS_LOG_DIR"}.isdisjoint(subject.env)
+    home = home or any(mount.target == "/.ros" for mount in subject.mounts)
+    if subject.ros and subject.uid.isdigit() and subject.uid != "0" and not home:
+        message = f"user {subject.uid} has no home unless the image knows it, and ROS writes to ~/.ros"
+        yield Finding("user-without-home", subject.option("user"), message)
 
 
 def _logs(subject: Subject) -> Iterator[Finding]:
@@ -93,14 +81,12 @@ def _logs(subject: Subject) -> Iterator[Finding]:
         yield Finding("log-without-limits", where, message)
 
 
-def _terminals(subject: Subject) -> Iterator[Finding]:
-    if subject.options.get("tty") and not subject.options.get("stdin_open"):
+def _useless(subject: Subject) -> Iterator[Finding]:
+    """Options that have no effect, or a bad one."""
+    options = subject.options
+    if options.get("tty") and not options.get("stdin_open"):
         message = f"'{subject.name}' has a terminal without input, and control characters in its output"
         yield Finding("tty-without-stdin", subject.option("tty"), message)
-
-
-def _kernel(subject: Subject) -> Iterator[Finding]:
-    options = subject.options
     if options.get("shm_size") and options.get("ipc") == "host":
         message = "under ipc: host the shared memory is that of this machine, and shm_size is ignored"
         yield Finding("shm-size-with-ipc-host", subject.option("shm_size"), message)
@@ -135,4 +121,4 @@ def _bags(subject: Subject) -> Iterator[Finding]:
             yield Finding("recording-without-limit", subject.command(), message)
 
 
-CHECKS = (_budgets, _uncounted, _read_only, _homes, _zones, *map(each, (_expected, _logs, _terminals, _kernel, _bags)))
+CHECKS = (_budgets, _zones, *map(each, (_expected, _writing, _logs, _useless, _bags)))

@@ -10,11 +10,12 @@ from rorg.manifest.validation.limits import always_on, memory_limit
 from rorg.manifest.validation.robot import Finding, Robot
 from rorg.manifest.validation.ros2 import shares_memory
 from rorg.manifest.validation.run import allowed, allows_of, diagnostics
-from rorg.manifest.validation.subject import Mount, Subject
+from rorg.manifest.validation.subject import Subject
 from rorg.model.catalog import RUN, Catalog
 from rorg.model.diagnostics import Diagnostic
 from rorg.model.machine import ABSENT, DEVICE, DIRECTORY, Machine
 from rorg.model.units import format_memory
+from rorg.model.volumes import Mount
 
 OF_CGROUP_1 = ("mem_swappiness", "oom_kill_disable", "cpu_rt_runtime", "cpu_rt_period")
 ENOUGH_SHM = 64 << 20

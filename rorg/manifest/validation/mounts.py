@@ -9,9 +9,10 @@ from collections.abc import Iterator
 
 from rorg.manifest.files import real
 from rorg.manifest.validation.robot import Finding, each
-from rorg.manifest.validation.subject import Mount, Subject
+from rorg.manifest.validation.subject import Subject
 from rorg.manifest.validation.texts import named_files, read
 from rorg.model.catalog import RUN
+from rorg.model.volumes import Mount
 
 ENGINES = ("docker.sock", "podman.sock", "containerd.sock", "crio.sock")
 OURS = "rorg.sock"

@@ -17,17 +17,17 @@ ANY = ("", "0.0.0.0", "::")
 
 
 def _host_names(subject: Subject) -> Iterator[Finding]:
-    """Host names that nothing can resolve: ROS 1 tells them to other nodes, and calls itself by them."""
-    name = subject.options.get("hostname")
-    if not name or subject.network != "host" or {"ROS_IP", "ROS_HOSTNAME"} & set(subject.env):
-        return
+    """Host names that nothing can resolve: ROS 1 tells them to other nodes, and calls itself by them. And ROS programs
+    without any network."""
+    name = str(subject.options.get("hostname") or "")
     known = any(str(line).startswith(f"{name}:") for line in subject.options.get("extra_hosts") or ())
-    if known:
-        return
-    said = "the ROS master cannot reach it by that name, and it ends" if subject.ros1 else "nothing knows that name"
-    message = f"hostname '{name}' under network_mode: host: {said}"
-    severity = "error" if subject.ros1 else "warning"
-    yield Finding("hostname-with-host-network", subject.option("hostname"), message, severity=severity)
+    if name and subject.network == "host" and not known and {"ROS_IP", "ROS_HOSTNAME"}.isdisjoint(subject.env):
+        said = "the ROS master cannot reach it by that name, and it ends" if subject.ros1 else "nothing knows that name"
+        message = f"hostname '{name}' under network_mode: host: {said}"
+        severity = "error" if subject.ros1 else "warning"
+        yield Finding("hostname-with-host-network", subject.option("hostname"), message, severity=severity)
+    if subject.ros and subject.network == "none":
+        yield Finding("ros-without-network", subject.option("network_mode"), f"'{subject.name}' has no network")
 
 
 def _mixed(robot: Robot) -> Iterator[Finding]:
@@ -58,11 +58,6 @@ def _local_only(robot: Robot) -> Iterator[Finding]:
         if len(robot.ros2) > 1 and (local or subject.env.get(name) == "LOCALHOST"):
             message = f"{name} keeps '{subject.name}' within its own container"
             yield Finding("ros2-local-on-bridge", subject.option("network_mode"), message)
-
-
-def _alone(subject: Subject) -> Iterator[Finding]:
-    if subject.ros and subject.network == "none":
-        yield Finding("ros-without-network", subject.option("network_mode"), f"'{subject.name}' has no network")
 
 
 def _masters(robot: Robot) -> Iterator[Finding]:
@@ -127,4 +122,4 @@ def _probed(robot: Robot) -> Iterator[Finding]:
             yield Finding("port-probed-twice", subject.at(*asked.path), message)
 
 
-CHECKS = (_mixed, _local_only, _masters, _differing, _ports, _probed, *map(each, (_host_names, _alone)))
+CHECKS = (_mixed, _local_only, _masters, _differing, _ports, _probed, each(_host_names))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from functools import lru_cache
 
 from rorg.manifest.validation.robot import Finding, Robot, each
 from rorg.manifest.validation.subject import SHELLS, Subject
@@ -119,15 +118,9 @@ def _daemons(subject: Subject) -> Iterator[Finding]:
             yield Finding("ros2-daemon", subject.command(), message)
 
 
-@lru_cache(maxsize=4096)
-def _secret(name: str) -> bool:
-    """Whether the name of a variable says that its value is secret."""
-    return SECRET.search(name) is not None
-
-
 def _variables(subject: Subject) -> Iterator[Finding]:
     for name, value in sorted(subject.env.items()):
-        if _secret(name) and value and name not in subject.service.secrets and "/" not in value:
+        if SECRET.search(name) and value and name not in subject.service.secrets and "/" not in value:
             message = f"the value of {name} is in the manifest, and is shown with it"
             yield Finding("secret-in-manifest", subject.variable(name), message)
     words = subject.words
@@ -166,8 +159,7 @@ def _shell_words(subject: Subject) -> Iterator[Finding]:
         message = f"no shell runs this command, and '{found}' is handed to the program as it is"
         yield Finding("shell-words-without-shell", subject.command(), message)
     elif "sudo" in words and "no-new-privileges:true" in (subject.options.get("security_opt") or ()):
-        message = "sudo gains nothing under no-new-privileges"
-        yield Finding("sudo-without-privileges", subject.command(), message)
+        yield Finding("sudo-without-privileges", subject.command(), "sudo gains nothing under no-new-privileges")
 
 
 def _for_a_shell(words: tuple[str, ...]) -> str:

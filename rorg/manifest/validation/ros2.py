@@ -17,51 +17,47 @@ TAKEN = range(102, 215)
 FAST = "rmw_fastrtps_cpp"
 SHARED = ("", FAST, "rmw_fastrtps_dynamic_cpp")
 """Implementations that use shared memory by default, and are compatible with each other."""
+_FOUND = "not all of them are found from other machines"
 ALIKE = {
-    "ROS_LOCALHOST_ONLY": "not all of them are found from other machines",
-    "ROS_AUTOMATIC_DISCOVERY_RANGE": "not all of them are found from other machines, and with OFF not at all",
-    "ROS_DISCOVERY_SERVER": "they do not find each other",
-    "ROS_STATIC_PEERS": "they look for others at different places",
+    "ROS_DOMAIN_ID": ("ros2-domain-mismatch", "0", "they do not see each other"),
+    "RMW_IMPLEMENTATION": ("ros2-rmw-mismatch", FAST, "they may not understand each other"),
+    "ROS_LOCALHOST_ONLY": ("ros2-discovery-mismatch", "", _FOUND),
+    "ROS_AUTOMATIC_DISCOVERY_RANGE": ("ros2-discovery-mismatch", "", f"{_FOUND}, and with OFF not at all"),
+    "ROS_DISCOVERY_SERVER": ("ros2-discovery-mismatch", "", "they do not find each other"),
+    "ROS_STATIC_PEERS": ("ros2-discovery-mismatch", "", "they look for others at different places"),
 }
-"""Variables that should be the same everywhere, with the consequence if they are not."""
+"""Variables that should be the same everywhere: the finding if they are not, the default, and the consequence."""
 SMALLEST = 16 << 20
 
 
-def _range(robot: Robot) -> Iterator[Finding]:
+def _single(robot: Robot) -> Iterator[Finding]:
+    """Values that are wrong for any participant."""
     for subject in robot.ros2:
         text = subject.env.get("ROS_DOMAIN_ID") or "0"
+        where, size = subject.variable("ROS_DOMAIN_ID"), subject.options.get("shm_size")
         if not re.fullmatch("[0-9]{1,9}", text) or int(text) > MOST_DOMAIN:
             message = f"ROS_DOMAIN_ID {text} is no number from 0 to {MOST_DOMAIN}: no node starts"
+            yield Finding("ros2-domain-range", where, message)
         elif int(text) in TAKEN:
             message = f"ROS_DOMAIN_ID {text} has ports that any connection may take first: then a node does not start"
-        else:
-            continue
-        yield Finding("ros2-domain-range", subject.variable("ROS_DOMAIN_ID"), message)
+            yield Finding("ros2-domain-range", where, message)
+        if size is not None and size < SMALLEST and subject.ipc != "host" and shares_memory(subject):
+            message = f"shm_size {size} is too little for the shared memory of one participant"
+            yield Finding("shm-too-small", subject.option("shm_size"), message)
 
 
-def _domains(robot: Robot) -> Iterator[Finding]:
-    values = {s.name: s.env.get("ROS_DOMAIN_ID") or "0" for s in robot.ros2}
-    for subject, usual in minority(robot.ros2, values):
-        said = _said(subject, "ROS_DOMAIN_ID", values)
-        message = f"ROS_DOMAIN_ID is {said} in '{subject.name}', and {usual} in others: they do not see each other"
-        yield Finding("ros2-domain-mismatch", subject.variable("ROS_DOMAIN_ID"), message, f"{usual} for all of them")
-
-
-def _implementations(robot: Robot) -> Iterator[Finding]:
-    named = {s.name: s.env.get("RMW_IMPLEMENTATION", "") for s in robot.ros2}
-    values = {name: FAST if value in SHARED else value for name, value in named.items()}
-    for subject, usual in minority(robot.ros2, values):
-        said = _said(subject, "RMW_IMPLEMENTATION", values)
-        dds = not any("zenoh" in value for value in (values[subject.name], usual))
-        result = "they may not understand each other" if dds else "they do not see each other"
-        message = f"RMW_IMPLEMENTATION is {said} in '{subject.name}', and {usual} in others: {result}"
-        where = subject.variable("RMW_IMPLEMENTATION")
-        yield Finding("ros2-rmw-mismatch", where, message, f"{usual} for all of them")
-
-
-def _said(subject: Subject, name: str, values: dict[str, str]) -> str:
-    value = values[subject.name]
-    return value if subject.env.get(name) else f"not set, which is {value},"
+def _differing(robot: Robot) -> Iterator[Finding]:
+    """Variables that are not the same everywhere."""
+    for name, (code, default, result) in ALIKE.items():
+        values = {s.name: s.env.get(name) or default for s in robot.ros2}
+        values = {n: FAST if value in SHARED[1:] else value for n, value in values.items()}
+        for subject, usual in minority(robot.ros2, values):
+            value = values[subject.name]
+            said = value if subject.env.get(name) else f"not set, which is {value}," if value else "not set"
+            zenoh = name == "RMW_IMPLEMENTATION" and "zenoh" in value + usual
+            then = "they do not see each other" if zenoh else result
+            message = f"{name} is {said} in '{subject.name}', and {usual or 'not set'} in others: {then}"
+            yield Finding(code, subject.variable(name), message, f"{usual} for all of them" if default else "")
 
 
 def _releases(robot: Robot) -> Iterator[Finding]:
@@ -71,15 +67,6 @@ def _releases(robot: Robot) -> Iterator[Finding]:
         message = f"'{subject.name}' is of {values[subject.name]}, others of {usual}: they may not find each other"
         where = subject.variable("ROS_DISTRO") if "ROS_DISTRO" in subject.env else subject.at("image")
         yield Finding("ros2-release-mismatch", where, message, f"{usual} for all of them")
-
-
-def _discovery(robot: Robot) -> Iterator[Finding]:
-    for name, result in ALIKE.items():
-        values = {s.name: s.env.get(name, "") for s in robot.ros2}
-        for subject, usual in minority(robot.ros2, values):
-            said = values[subject.name] or "not set"
-            message = f"{name} is {said} in '{subject.name}', and {usual or 'not set'} in others: {result}"
-            yield Finding("ros2-discovery-mismatch", subject.variable(name), message)
 
 
 def shares_memory(subject: Subject) -> bool:
@@ -115,14 +102,6 @@ def _memory(robot: Robot) -> Iterator[Finding]:
         yield Finding("ros2-host-net-private-ipc", subject.option("ipc"), message, "one ipc for all of them")
 
 
-def _size(robot: Robot) -> Iterator[Finding]:
-    for subject in (s for s in robot.ros2 if shares_memory(s)):
-        size = subject.options.get("shm_size")
-        if size is not None and subject.ipc != "host" and size < SMALLEST:
-            message = f"shm_size {size} is too little for the shared memory of one participant"
-            yield Finding("shm-too-small", subject.option("shm_size"), message)
-
-
 def _users(robot: Robot) -> Iterator[Finding]:
     for together in _sharers(robot).values():
         for subject, usual in minority(together, {s.name: s.uid for s in together}):
@@ -145,4 +124,4 @@ def _masters(robot: Robot) -> Iterator[Finding]:
             yield Finding("ros1-probe-of-ros2", subject.at("ros", "parameters"), message, remedy)
 
 
-CHECKS = (_masters, _range, _domains, _implementations, _releases, _discovery, _memory, _size, _users)
+CHECKS = (_masters, _single, _differing, _releases, _memory, _users)

@@ -42,6 +42,10 @@ def _signals(subject: Subject) -> Iterator[Finding]:
         end = "is killed after its grace period" if not subject.options.get("init") else "ends immediately"
         message = f"a C++ node of ROS 1 does not unregister on SIGTERM: it {end}, and stays registered"
         yield Finding("sigterm-with-cpp-node", subject.option("stop_signal"), message)
+    grace = subject.options.get("stop_grace_period")
+    if subject.ros1 and isinstance(grace, int | float) and grace < SHORT:
+        message = f"{grace:g} s are too short for a node of ROS 1 to unregister"
+        yield Finding("grace-too-short", subject.option("stop_grace_period"), message)
 
 
 def _python(subject: Subject) -> bool:
@@ -79,14 +83,6 @@ def _group(subject: Subject) -> bool:
     return bool(subject.options.get("init")) and subject.env.get("TINI_KILL_PROCESS_GROUP") == "1"
 
 
-def _graces(robot: Robot) -> Iterator[Finding]:
-    for subject in (s for s in robot.subjects if s.ros1):
-        grace = subject.options.get("stop_grace_period")
-        if isinstance(grace, int | float) and grace < SHORT:
-            message = f"{grace:g} s are too short for a node of ROS 1 to unregister"
-            yield Finding("grace-too-short", subject.option("stop_grace_period"), message)
-
-
 def _images(robot: Robot) -> Iterator[Finding]:
     """Images of the tree whose program is started by a shell, in services that declare no program."""
     for subject in robot.subjects:
@@ -116,4 +112,4 @@ def _programs(robot: Robot, name: str) -> Programs:
     return found
 
 
-CHECKS = (_shells, _images, _graces, *map(each, (_restarts, _signals)))
+CHECKS = (_shells, _images, *map(each, (_restarts, _signals)))

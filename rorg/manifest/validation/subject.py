@@ -15,28 +15,13 @@ from rorg.model.catalog import Probe, Service
 from rorg.model.diagnostics import Where
 from rorg.model.ports import Published, parse_ports
 from rorg.model.ros import MASTERS, PROGRAMS, declares_ros2, without_master
-from rorg.model.volumes import mounted_at
+from rorg.model.volumes import Mount, mounted_at, read_mount
 
 SHELLS = ("sh", "bash", "dash", "zsh", "ash")
 ROS2_PROGRAMS = frozenset(("ros2",))
 OPERATORS = frozenset((";", "&&", "||", "|", "&", "\n"))
 MOST_SCRIPT = 128 << 10
 """Maximum number of characters that checks read of a shell's script."""
-
-
-class Mount(NamedTuple):
-    """One volume: a path of the host or the name of a volume, and its path in the container."""
-
-    source: str
-    target: str
-    read_only: bool
-    place: int
-    """Index in the rendered list."""
-
-    @property
-    def path(self) -> str:
-        """Path on the host; empty for a named volume."""
-        return self.source.rstrip("/") or "/" if self.source.startswith("/") else ""
 
 
 class Asked(NamedTuple):
@@ -155,7 +140,7 @@ class Subject:
 
     @cached_property
     def mounts(self) -> tuple[Mount, ...]:
-        return tuple(_mount(v, i) for i, v in enumerate(self.options.get("volumes") or ()))
+        return tuple(map(read_mount, self.options.get("volumes") or ()))
 
     @cached_property
     def mounts_of_tree(self) -> tuple[Mount, ...]:
@@ -191,13 +176,11 @@ class Subject:
 
     def at(self, *path: str | int) -> Where:
         """The place of a field of the spec, or of the profile that sets it."""
-        if ("spec", *path[:2]) in self.source.document.values:
+        values, known = self.source.document.values, path[: 2 if path[0] == "container" else 1]
+        if ("spec", *known) in values:
             return self.source.where("spec", *path)
-        if path and ("spec", path[0]) in self.source.document.values and path[0] != "container":
-            return self.source.where("spec", *path)
-        if ("spec", "profile") in self.source.document.values and path[:1] in (("container",), ("idle",), ("needs",)):
-            return self.source.where("spec", "profile")
-        return self.source.where("metadata", "name")
+        profile = path[0] in ("container", "idle", "needs") and ("spec", "profile") in values
+        return self.source.where("spec", "profile") if profile else self.source.where("metadata", "name")
 
     def option(self, name: str, *below: str | int) -> Where:
         """The place of an option of the container."""
@@ -205,21 +188,16 @@ class Subject:
 
     def variable(self, name: str) -> Where:
         """The place of a variable of its environment."""
-        if ("spec", "container", "environment", name) in self.source.document.values:
-            return self.source.where("spec", "container", "environment", name)
-        written = self._written("container", "environment")
-        if isinstance(written, list):
-            names = [str(item).partition("=")[0] for item in written]
-            if name in names:
-                return self.option("environment", names.index(name))
-        declared = ("spec", "profile") in self.source.document.values
-        return self.source.where("spec", "profile") if declared else self.option("environment")
+        values, at = self.source.document.values, ("spec", "container", "environment", name)
+        if found := self._first((at[1:3],), lambda item: str(item).partition("=")[0] == name):
+            return found
+        profile = at not in values and ("spec", "profile") in values
+        return self.source.where("spec", "profile") if profile else self.option("environment", name)
 
     def volume(self, mount: Mount) -> Where:
         """The place of a volume, by its path in the container."""
-        target = mounted_at(self.options["volumes"][mount.place])
         paths = (("container", "volumes"), ("mounts",))
-        return self._first(paths, lambda item: _target(item) == target) or self.option("volumes")
+        return self._first(paths, lambda item: _target(item) == mount.target) or self.option("volumes")
 
     def device(self, host: str) -> Where:
         """The place of a device, by its path on the host."""
@@ -275,14 +253,6 @@ def _commands(text: str) -> Iterator[tuple[str, ...]]:
     except ValueError:  # an unclosed quote: the shell will report it
         command += text.split()
     yield tuple(command)
-
-
-def _mount(value: str | Mapping[str, Any], index: int) -> Mount:
-    if isinstance(value, str):
-        source, _, rest = value.partition(":")
-        modes = rest.partition(":")[2]
-        return Mount(source, mounted_at(value), "ro" in modes.split(","), index)
-    return Mount(str(value.get("source") or ""), mounted_at(value), bool(value.get("read_only")), index)
 
 
 def _target(item: object) -> str:
