@@ -135,7 +135,7 @@ class _Reader:
 
     def value(self) -> tuple[str, tuple[str, ...]]:
         begin, quote = self.at, self.text[self.at : self.at + 1]
-        if quote not in ("'", '"') or not quote:
+        if quote not in _QUOTED:
             return self.filled(self.skip(_LINE).partition(" #")[0].rstrip(), begin)
         quoted = self.skip(_QUOTED[quote])
         if not quoted:
