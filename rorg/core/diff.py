@@ -9,10 +9,9 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
-from rorg.core.digest import declared_fields, declared_of
+from rorg.core.digest import declared_fields, declared_of, same
 from rorg.core.normal import normal, normal_fields
 from rorg.core.observed import Container
-from rorg.core.secret_marks import same
 from rorg.model.catalog import Spec
 from rorg.model.options import LIVE
 
