@@ -11,7 +11,7 @@ from robots import write_tree
 from test_options import HEAD, SPELLINGS, TEXT
 
 from rorg.core.desired import desire
-from rorg.core.normal import normal, normal_fields
+from rorg.core.diff import normal, normal_fields
 from rorg.manifest.container import ContainerOptions
 from rorg.manifest.load import load_or_raise
 

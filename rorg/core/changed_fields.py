@@ -9,10 +9,9 @@ from dataclasses import dataclass
 from itertools import takewhile
 from typing import Any
 
-from rorg.core.diff import Difference
+from rorg.core.diff import Difference, normal, normal_fields
 from rorg.core.digest import declared_fields, declared_of
 from rorg.core.masking import MASK, masked
-from rorg.core.normal import normal, normal_fields
 from rorg.core.observed import Container
 from rorg.model.catalog import Spec
 from rorg.model.options import LIVE

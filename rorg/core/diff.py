@@ -4,16 +4,18 @@ never count as a difference."""
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Mapping
+import signal
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
 from rorg.core.digest import declared_fields, declared_of, same
-from rorg.core.normal import normal, normal_fields
 from rorg.core.observed import Container
 from rorg.model.catalog import Spec
-from rorg.model.options import LIVE
+from rorg.model.options import LIVE, OPTIONS
+from rorg.model.ports import parse_expose, parse_ports
+from rorg.model.volumes import parse_device, parse_tmpfs, parse_volume, same_path
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,3 +61,166 @@ def difference(container: Container, spec: Spec, digest: str, now: Mapping[str, 
     }
     in_place = {"container_name", *(k for k in set_options if k in written)}
     return Difference(tuple(k for k in changed if k not in in_place), live)
+
+
+Normalize = Callable[[Any], Any]
+NOTHING = None
+"""The normal form of a value that has the same effect as declaring nothing."""
+
+
+_NO_MODES = frozenset(("rw", "rprivate", "consistent", "cached", "delegated"))
+"""Volume modes that are Docker's default, or have no effect on Linux."""
+
+
+def _each(normalize: Normalize) -> Normalize:
+    """Normalize a list in which neither order nor repetition matters."""
+
+    def run(value: Any) -> Any:
+        by_text = {
+            repr(normalized): normalized for normalized in (_normalized_or_same(normalize, item) for item in value)
+        }
+        return [by_text[key] for key in sorted(by_text)] or NOTHING
+
+    return run
+
+
+def _normalized_or_same(normalize: Normalize, value: Any) -> Any:
+    """Normalize a value, or return it unchanged: an old container may carry values that today's rules refuse."""
+    try:
+        return normalize(value)
+    except (ValueError, TypeError, AttributeError, LookupError, OverflowError, RecursionError):
+        return value
+
+
+def _spread(normalize: Callable[[str], list[str]]) -> Normalize:
+    """Normalize a list in which one item can stand for several, such as a range of ports."""
+
+    def run(value: Any) -> Any:
+        results = (_normalized_or_same(normalize, item) for item in value)
+        return (
+            sorted({single for values in results for single in (values if isinstance(values, list) else [values])})
+            or NOTHING
+        )
+
+    return run
+
+
+def _ports(text: str) -> list[str]:
+    return [f"{p.address}:{p.host}:{p.port}" for p in parse_ports(text)]
+
+
+def _paths(value: Any) -> Any:
+    """Keep an empty list: for masked paths it means "mask nothing", which differs from Docker's default."""
+    return sorted(set(value))
+
+
+def _same(value: Any) -> Any:
+    return value
+
+
+def _among(*defaults: Any) -> Normalize:
+    return lambda value: NOTHING if value in defaults else value
+
+
+def _capability(name: str) -> str:
+    return name.upper().removeprefix("CAP_")
+
+
+def _device(text: str) -> str:
+    source, target, access = parse_device(text)
+    return f"{source}:{target}:{''.join(sorted(access))}"
+
+
+def _volume(value: Any) -> Any:
+    if not isinstance(value, str):
+        return {k: v for k, v in value.items() if v not in (False, None, "", {})}
+    volume = parse_volume(value)
+    source = same_path(volume.source) if volume.source.startswith("/") else volume.source
+    modes = ",".join(sorted(set(volume.modes) - _NO_MODES))
+    return ":".join(part for part in (source, same_path(volume.target), modes) if part)
+
+
+def _tmpfs(text: str) -> str:
+    target, options = parse_tmpfs(text)
+    return same_path(target) + (f":{','.join(sorted(options.split(',')))}" if options else "")
+
+
+def _security(text: str) -> str:
+    """Docker still accepts the old form with a colon."""
+    name, colon, value = text.partition(":")
+    text = f"{name}={value}" if colon and "=" not in name else text
+    return "no-new-privileges" if text == "no-new-privileges=true" else text
+
+
+def _signal(text: str) -> str:
+    try:
+        return signal.Signals(int(text)).name
+    except ValueError:
+        return text
+
+
+def _restart(text: str) -> Any:
+    return NOTHING if text == "no" else text.removesuffix(":0")
+
+
+def _hosts(value: Any) -> Any:
+    """Keep the order of addresses of one name, because the first one counts."""
+    return sorted(value, key=lambda item: item.partition(":")[0]) or NOTHING
+
+
+def _healthcheck(value: Any) -> Any:
+    if value.get("disable") or value.get("test") == ["NONE"]:
+        return {"disable": True}
+    return {k: v for k, v in value.items() if v not in (False, 0, None, [])} or NOTHING
+
+
+def _networks(value: Any) -> Any:
+    return {
+        name: {k: sorted(v) if isinstance(v, list) else v for k, v in network.items() if v}
+        for name, network in value.items()
+    } or NOTHING
+
+
+def _limit(value: Any) -> Any:
+    return NOTHING if value <= 0 else value
+
+
+_NORMALIZERS: Mapping[str, Normalize] = {
+    "cap_add": _each(_capability),
+    "cap_drop": _each(_capability),
+    "device_cgroup_rules": _each(_same),
+    "devices": _each(_device),
+    "expose": _spread(parse_expose),
+    "extra_hosts": _hosts,
+    "gpus": _each(_same),
+    "group_add": _each(_same),
+    "healthcheck": _healthcheck,
+    "isolation": _among("", "default"),
+    "links": _each(_same),
+    "masked_paths": _paths,
+    "network_mode": _among("", "default", "bridge"),
+    "networks": _networks,
+    "pids_limit": _limit,
+    "ports": _spread(_ports),
+    "readonly_paths": _paths,
+    "restart": _restart,
+    "security_opt": _each(_security),
+    "stop_signal": _signal,
+    "tmpfs": _each(_tmpfs),
+    "volumes": _each(_volume),
+}
+
+
+def normal(option: str, value: Any) -> Any:
+    """Return the normal form of one option; None if it has the same effect as declaring nothing."""
+    if value is None:
+        return None
+    if option in _NORMALIZERS:
+        return _normalized_or_same(_NORMALIZERS[option], value)
+    return value or NOTHING if option in OPTIONS and OPTIONS[option].empty else value
+
+
+def normal_fields(fields: Mapping[str, Any]) -> dict[str, Any]:
+    """Return all declared fields of a container in normal form."""
+    normalized = {name: normal(name, value) for name, value in fields.items()}
+    return {name: value for name, value in normalized.items() if value is not NOTHING}
