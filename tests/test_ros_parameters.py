@@ -9,8 +9,8 @@ import pytest
 from robots import RealRobot, VirtualRobot, write_tree
 from test_ros import healthy, master, services
 
+from rorg.core.changed_fields import manifest_changes
 from rorg.core.desired import desire
-from rorg.core.manifest_diff import manifest_changes
 from rorg.core.masking import Masker
 from rorg.history.journal import Filter
 from rorg.manifest.effective import effective

@@ -82,7 +82,7 @@ def _between(context: Context, rev: str, service: str, unified: bool, output: st
     """Shows what changed between two states from the history, A..B; an empty name is HEAD, as with git."""
     from rorg.cli.differences import past_of, tree_of
     from rorg.cli.output import print_rows
-    from rorg.core.manifest_diff import manifest_changes
+    from rorg.core.changed_fields import manifest_changes
     from rorg.errors import Exit, Invalid
 
     if unified or output == "wide":
