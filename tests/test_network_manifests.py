@@ -10,8 +10,8 @@ import pytest
 from robots import write_tree
 
 from rorg.core.desired import desire
-from rorg.core.found_objects import FoundObjects
 from rorg.core.objects import changed_options, declared_options, found_object, object_labels
+from rorg.core.observed import FoundObjects
 from rorg.engines.docker.objects import find, network_body, volume_body
 from rorg.engines.observe_objects import ObjectObserver
 from rorg.errors import EngineError

@@ -19,11 +19,10 @@ import yaml
 from rorg.core.decide import decide
 from rorg.core.desired import desire
 from rorg.core.digest import canonical, declared_fields, digest
-from rorg.core.found_objects import FoundObjects
 from rorg.core.inputs import Inputs
 from rorg.core.memory import Attempt, InFlight, Memory, ProbeResult, Progress
 from rorg.core.objects import found_object, object_labels
-from rorg.core.observed import Container, Observed
+from rorg.core.observed import Container, FoundObjects, Observed
 from rorg.core.operations import Create, Operation, Pause, Resume, Start, Stop
 from rorg.core.overview import Overview
 from rorg.core.plan import Action

@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 
-from rorg.core.found_objects import FoundObject
 from rorg.core.objects import changed_options, object_digest, object_labels
+from rorg.core.observed import FoundObject
 from rorg.core.operations import CreateObject, RemoveObject
 from rorg.core.plan import NOTHING, Action, Part, ServicePlan, Waiting
 from rorg.core.situation import Situation

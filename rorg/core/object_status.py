@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from rorg.core.found_objects import FoundObject
+from rorg.core.observed import FoundObject
 from rorg.core.plan import Plan
 from rorg.core.situation import Situation
 from rorg.model.objects import EngineObject

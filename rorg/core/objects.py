@@ -7,8 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from rorg.core.digest import canonical, declared_of, digest
-from rorg.core.found_objects import FoundObject
-from rorg.core.observed import LABEL_DECLARED, LABEL_OWNER, LABEL_SPEC
+from rorg.core.observed import LABEL_DECLARED, LABEL_OWNER, LABEL_SPEC, FoundObject
 from rorg.model.objects import EngineObject, Kind
 
 LABELS: Mapping[str, str] = {"network": "rorg.io/network", "volume": "rorg.io/volume"}

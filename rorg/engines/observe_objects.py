@@ -6,7 +6,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Collection
 
-from rorg.core.found_objects import FoundObjects
+from rorg.core.observed import FoundObjects
 from rorg.engines.protocol import Objects
 from rorg.errors import RorgError, Unreachable
 

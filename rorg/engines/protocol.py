@@ -17,8 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
-from rorg.core.found_objects import FoundObjects
-from rorg.core.observed import Container
+from rorg.core.observed import Container, FoundObjects
 from rorg.engines.log_lines import LogLine, Reading
 from rorg.errors import EngineError
 from rorg.model.engines import Capabilities

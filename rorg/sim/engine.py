@@ -12,9 +12,8 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
 
-from rorg.core.found_objects import FoundObject, FoundObjects
 from rorg.core.objects import found_object
-from rorg.core.observed import LABEL_OWNER, LABEL_SERVICE, Container, from_labels
+from rorg.core.observed import LABEL_OWNER, LABEL_SERVICE, Container, FoundObject, FoundObjects, from_labels
 from rorg.engines.log_lines import LogLine, Reading
 from rorg.engines.protocol import NONE, Engine, Usage
 from rorg.errors import EngineError

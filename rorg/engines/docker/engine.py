@@ -9,8 +9,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from rorg.core.found_objects import FoundObjects
-from rorg.core.observed import LABEL_OWNER, LABEL_STATE, Container, from_labels
+from rorg.core.observed import LABEL_OWNER, LABEL_STATE, Container, FoundObjects, from_labels
 from rorg.engines.docker import objects
 from rorg.engines.docker.answers import MOST_ANSWER, from_json
 from rorg.engines.docker.body import Body

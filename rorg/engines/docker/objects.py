@@ -6,9 +6,8 @@ import threading
 from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
-from rorg.core.found_objects import FoundObject, FoundObjects
 from rorg.core.objects import LABELS, found_object
-from rorg.core.observed import LABEL_OWNER
+from rorg.core.observed import LABEL_OWNER, FoundObject, FoundObjects
 from rorg.engines.docker.answers import from_json
 from rorg.engines.docker.client import Client
 from rorg.engines.docker.errors import Refused
