@@ -10,7 +10,7 @@ from typing import Any
 from rorg.core.changes import changed_keys
 from rorg.core.decide import Decision
 from rorg.core.memory import MOST_STOPPED, Attempt, Memory, Progress
-from rorg.core.object_status import object_views
+from rorg.core.objects import object_views
 from rorg.core.observed import Observed
 from rorg.core.plan import Action, Plan
 from rorg.core.pressure import MEASURES
