@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Collection
 from typing import Protocol
 
+from rorg.core.deferred import held_back
 from rorg.core.digest import rules_of
-from rorg.core.images import held_back
 from rorg.core.joining import awaited, ended, is_cut_off
 from rorg.core.memory import Progress
 from rorg.core.operations import Create, Operation, Rename, Start, Stop
