@@ -16,8 +16,8 @@ from rorg.core.memory import NO_ANSWER
 from rorg.core.observed import Container
 from rorg.core.operations import Rename, Signal, Update
 from rorg.core.pressure import LOWERED_SHARES
+from rorg.core.situation import View
 from rorg.core.steps import Step, stop
-from rorg.core.view import View
 from rorg.model.catalog import Service
 
 DEFAULT_SHARES = 1024

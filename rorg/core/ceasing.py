@@ -10,8 +10,8 @@ from rorg.core.memory import Attempt
 from rorg.core.observed import Container
 from rorg.core.operations import Pause
 from rorg.core.pausing import in_use
+from rorg.core.situation import View
 from rorg.core.steps import Step, away, stop
-from rorg.core.view import View
 from rorg.model.catalog import Service
 from rorg.model.units import format_seconds
 

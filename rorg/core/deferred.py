@@ -7,7 +7,7 @@ from collections.abc import Collection
 from rorg.core.content import changed
 from rorg.core.observed import Container
 from rorg.core.plan import Waiting
-from rorg.core.view import View
+from rorg.core.situation import View
 from rorg.model.catalog import Service
 from rorg.model.codes import DEVICE, IMAGE, NO_IMAGE
 

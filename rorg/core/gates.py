@@ -13,8 +13,8 @@ from rorg.core.memory import Progress
 from rorg.core.operations import Create, Operation, Rename, Start, Stop
 from rorg.core.plan import Part, Waiting
 from rorg.core.ros_parameters import due
+from rorg.core.situation import View
 from rorg.core.steps import Step
-from rorg.core.view import View
 from rorg.model.catalog import Service
 from rorg.model.codes import DEVICE, PARAMETERS
 from rorg.model.joining import ends_with

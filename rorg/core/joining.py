@@ -14,7 +14,7 @@ from functools import lru_cache
 from rorg.core.observed import Container
 from rorg.core.plan import Waiting
 from rorg.core.rollout import came_up_at, candidate, has_come_up
-from rorg.core.view import View
+from rorg.core.situation import View
 from rorg.model.catalog import Service, Spec
 from rorg.model.joining import ends_with, resolved
 

@@ -10,8 +10,7 @@ from rorg.core.objects import changed_options, object_digest, object_labels
 from rorg.core.observed import FoundObject
 from rorg.core.operations import CreateObject, RemoveObject
 from rorg.core.plan import NOTHING, Action, Part, ServicePlan, Waiting
-from rorg.core.situation import Situation
-from rorg.core.view import View
+from rorg.core.situation import Situation, View
 from rorg.model.codes import BLOCKED
 from rorg.model.objects import EngineObject, keys_of, subject
 from rorg.model.units import format_seconds

@@ -10,14 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
 
-from rorg.core.exclusive import Exclusive
 from rorg.core.gates import gate, unready
 from rorg.core.object_plans import declared_objects, declared_plan, former_objects, former_plan
 from rorg.core.plan import NOTHING, Action, ServicePlan, Waiting
 from rorg.core.reconcile import chain
-from rorg.core.situation import Situation
+from rorg.core.situation import Exclusive, Situation, View
 from rorg.core.steps import Step, away
-from rorg.core.view import View
 from rorg.model.catalog import Service
 from rorg.model.objects import is_object
 from rorg.model.units import format_seconds

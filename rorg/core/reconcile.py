@@ -16,9 +16,9 @@ from rorg.core.joining import can_return, is_made_ahead, missing, moved, with_id
 from rorg.core.observed import Container
 from rorg.core.operations import Create, Remove, Rename, Resume, Start
 from rorg.core.plan import Part, Waiting
+from rorg.core.situation import View
 from rorg.core.steps import Step, away, restarting, stop, stops
 from rorg.core.swap import Swap
-from rorg.core.view import View
 from rorg.model.catalog import Service, Spec
 from rorg.model.codes import DEVICE
 

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from rorg.core.desired import Desired
+from rorg.core.digest import rules_of
 from rorg.core.memory import Memory
-from rorg.core.observed import Observed
+from rorg.core.observed import Container, Observed
 from rorg.core.ros_graph import Graphs
 from rorg.core.wanted import Wanted
+from rorg.model.catalog import Service
 from rorg.model.devices import Device, Plugged
 from rorg.model.engines import Capabilities
 
@@ -77,3 +79,94 @@ class Situation:
     """Services that are wanted only because a request is likely, and those they need."""
     withheld: Mapping[str, str] = field(default_factory=dict)
     """Undeclared services that stay until a person confirms their removal, each with the reason."""
+
+
+Containers = Mapping[str, Sequence[Container]]
+"""Service -> its containers, the current one first."""
+
+
+class Exclusive:
+    """Holders of exclusive resources in one situation. `undeclared` are containers of services that no manifest
+    declares, or that are declared without a container."""
+
+    def __init__(self, situation: Situation, containers: Containers, undeclared: Containers) -> None:
+        self.s, self.desired, self.containers, self.undeclared = situation, situation.desired, containers, undeclared
+        self.capacity = situation.desired.catalog.policy.resources
+
+    def holders(self, service: Service, resource: str) -> list[str]:
+        """Return the services that must let go of a resource before this service can begin."""
+        users = [o for o in self.desired.sharers[resource] if o != service.name and self.alive(o)]
+        left_over = self.left_over(resource)
+        used = service.exclusive[resource] + sum(self.units(o, resource) for o in users) + sum(left_over.values())
+        if used <= self.capacity.get(resource, 1):
+            return []
+        return [*(o for o in users if o not in self.s.wanted), *left_over] or users
+
+    def contested(self, service: Service) -> bool:
+        """Return whether this service holds a resource, even while paused, that a wanted service waits for."""
+        for resource, units in service.exclusive.items():
+            sharers = [o for o in self.desired.sharers[resource] if o != service.name]
+            used = units + sum(self.units(o, resource) for o in sharers if self.alive(o))
+            used += sum(self.left_over(resource).values())
+            capacity = self.capacity.get(resource, 1)
+            if any(
+                used + (0 if self.alive(o) else self.units(o, resource)) > capacity
+                for o in sharers
+                if o in self.s.wanted and not self.done(o)
+            ):
+                return True
+        return False
+
+    def left_over(self, resource: str) -> dict[str, int]:
+        """Return undeclared services that still hold units of a resource -> how many."""
+        return {
+            name: units
+            for name, cs in self.undeclared.items()
+            if self.alive(name) and (units := rules_of(cs[0].rules).exclusive.get(resource, 0))
+        }
+
+    def units(self, name: str, resource: str) -> int:
+        return self.desired.catalog.services[name].exclusive[resource]
+
+    def alive(self, name: str) -> bool:
+        return any(c.alive for c in self.containers.get(name, ()))
+
+    def done(self, name: str) -> bool:
+        """Return whether a service ended and its restart policy does not restart it."""
+        current = next(iter(self.containers.get(name, ())), None)
+        service = self.desired.catalog.services[name]
+        return current is not None and self.s.memory.of(name).over(service, current)
+
+
+class View:
+    """A situation, seen from one service. Its plan may depend on the service itself and on related ones (see
+    depending_plans in incremental.py). Reading `now` or `all_containers` adds a dependency on everything and marks the
+    plan as `volatile`."""
+
+    def __init__(self, situation: Situation, containers: Containers, exclusive: Exclusive) -> None:
+        self.s, self.desired, self.containers, self.exclusive = situation, situation.desired, containers, exclusive
+        self.volatile = False
+
+    @property
+    def now(self) -> float:
+        self.volatile = True
+        return self.s.now
+
+    @property
+    def all_containers(self) -> Sequence[Container]:
+        self.volatile = True
+        return self.s.observed.containers
+
+    def of(self, service: str) -> Sequence[Container]:
+        return self.containers.get(service, ())
+
+    def current(self, service: str) -> Container | None:
+        return next(iter(self.containers.get(service, ())), None)
+
+    def starting(self, service: str) -> bool:
+        """Return whether a call is under way that makes the service active."""
+        flight = self.s.memory.in_flight.get(service)
+        return flight is not None and flight.action.operation.begins
+
+    def active(self, service: str) -> bool:
+        return any(c.active for c in self.containers.get(service, ()))

@@ -12,7 +12,7 @@ from rorg.core.observed import Container
 from rorg.core.operations import Create
 from rorg.core.plan import Waiting
 from rorg.core.rollout import came_up_at, candidate
-from rorg.core.view import View
+from rorg.core.situation import View
 from rorg.model.catalog import Service
 from rorg.model.codes import BAKING
 from rorg.model.units import format_seconds
