@@ -14,8 +14,7 @@ from rorg.core.eviction import Eviction, evict
 from rorg.core.inputs import Cache, Inputs
 from rorg.core.memory import Memory
 from rorg.core.prewarm import Prewarmed, prewarm
-from rorg.core.requests import Settled, settle, tried_again
-from rorg.core.restarts import note_restarts
+from rorg.core.requests import Settled, note_restarts, settle, tried_again
 from rorg.core.rollout import retried
 from rorg.core.schedule import interlocks
 from rorg.core.situation import Situation
