@@ -315,7 +315,7 @@ def diff(robot) -> str:
 
 
 def test_attempts_may_go_on_for_days():
-    from rorg.core.backoff import CAP, delay
+    from rorg.core.memory import CAP, delay
 
     assert delay(100_000) == CAP
 

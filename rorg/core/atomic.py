@@ -9,9 +9,8 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from rorg.core.backoff import STALLED_AFTER
 from rorg.core.desired import Desired
-from rorg.core.memory import NONE, Progress
+from rorg.core.memory import NONE, STALLED_AFTER, Progress
 from rorg.core.observed import Container
 from rorg.core.rollout import candidate, fits
 from rorg.model.catalog import Service

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
-from rorg.core.backoff import STALLED_AFTER, delay
 from rorg.core.digest import canonical
-from rorg.core.memory import Attempt, InFlight, Memory, Progress
+from rorg.core.memory import STALLED_AFTER, Attempt, InFlight, Memory, Progress, delay
 from rorg.core.observed import Container, Observed
 from rorg.core.operations import Signal, Start, Stop
 from rorg.core.plan import Action

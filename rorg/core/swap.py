@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
-from rorg.core.backoff import STALLED_AFTER
 from rorg.core.deferred import held_back
 from rorg.core.devices import NODES
+from rorg.core.memory import STALLED_AFTER
 from rorg.core.observed import Container
 from rorg.core.operations import Create
 from rorg.core.plan import Waiting

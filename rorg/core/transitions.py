@@ -9,8 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any, TypeGuard
 
-from rorg.core.backoff import STABLE, delay
-from rorg.core.memory import DEFAULT_GRACE, ProbeResult, Progress
+from rorg.core.memory import DEFAULT_GRACE, STABLE, ProbeResult, Progress, delay
 from rorg.core.observed import Container
 from rorg.core.operations import Start
 from rorg.core.propagation import counts_on

@@ -7,8 +7,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from rorg.core.backoff import CAP
-from rorg.core.memory import Attempt, Memory, Progress
+from rorg.core.memory import CAP, Attempt, Memory, Progress
 from rorg.daemon.snapshot import restore, run_json
 
 TIMES = ("unwanted_since", "ceased_since")
