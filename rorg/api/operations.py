@@ -15,10 +15,9 @@ from rorg.api.changes import Change, put_request
 from rorg.api.current import Current, missing
 from rorg.api.permissions import Caller, allow_request
 from rorg.api.readiness import Question, Readiness, readiness
-from rorg.core.decide import Decision
+from rorg.core.decide import Decision, preview
 from rorg.core.desired import Desired
 from rorg.core.observed import Container
-from rorg.core.preview import preview
 from rorg.core.status import Status, statuses
 from rorg.daemon.loop import Loop
 from rorg.daemon.snapshot import about_tree, request_json, snapshot

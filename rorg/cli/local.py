@@ -7,12 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
-from rorg.core.decide import Decision, decide
+from rorg.core.decide import Decision, decide, unlocked
 from rorg.core.desired import Desired, desire
 from rorg.core.inputs import Inputs
 from rorg.core.memory import Memory
 from rorg.core.observed import Observed
-from rorg.core.preview import unlocked
 from rorg.core.schedule import Target
 from rorg.daemon.saved_memory import remembered
 from rorg.daemon.snapshot import down_of, restore, snapshot

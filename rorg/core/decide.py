@@ -8,10 +8,11 @@ from operator import itemgetter
 
 from rorg.core.assessment import assess
 from rorg.core.check import check
+from rorg.core.desired import Desired
 from rorg.core.dispatch import freed_at, select
 from rorg.core.incremental import busy, update_plan
 from rorg.core.inputs import Cache, Inputs
-from rorg.core.memory import Memory
+from rorg.core.memory import Memory, ProbeResult, ProbeResults
 from rorg.core.outcomes import begin, forget
 from rorg.core.plan import Action, Plan
 from rorg.core.prediction import with_begun
@@ -123,3 +124,27 @@ def _deadline(situation: Situation, due: Schedule, inputs: Inputs, look: float |
     times += [now + (end - inputs.wall) for end in ends]
     times += [at for at in (freed_at(memory.in_flight, now), due.next(now)) if at is not None]
     return min((t for t in times if t > now), default=None)
+
+
+def unlocked(desired: Desired, now: float) -> ProbeResults:
+    """Return an allowing answer for every interlock. Interlocks are asked only before something is done."""
+    return {(n, "interlock"): ProbeResult("", True, now) for n, s in desired.catalog.services.items() if s.interlock}
+
+
+def preview(inputs: Inputs, memory: Memory, desired: Desired) -> Decision:
+    """Decide as the last pass did, with other manifests and the present memory. Missing images hold nothing back,
+    because they would be obtained first."""
+    results = {**inputs.results, **unlocked(desired, inputs.now)}
+    return decide(
+        replace(
+            inputs,
+            desired=desired,
+            memory=memory,
+            results=results,
+            removals=True,
+            images={},
+            load=None,
+            asked={},
+            cache=None,
+        )
+    )
