@@ -10,7 +10,7 @@ from typing import Any
 
 from rorg.core.diff import declared_now
 from rorg.core.digest import digest
-from rorg.model.catalog import RUN, Catalog, Probe, Service
+from rorg.model.catalog import RUN, Catalog, Idle, Probe, Service
 from rorg.model.devices import Device
 from rorg.model.image_names import declared
 from rorg.model.objects import EngineObject, keys_of
@@ -189,3 +189,24 @@ def used_objects(catalog: Catalog) -> tuple[Mapping[str, EngineObject], Uses, Us
         for item in used:
             users.setdefault(item, []).append(name)
     return objects, uses, {item: tuple(sorted(users_of)) for item, users_of in users.items()}
+
+
+GONE = Idle(action="remove")
+
+
+def teardown(desired: Desired, last: Catalog | None) -> Desired:
+    """Return a desired state in which everything goes. If no tree could be read, the `last` good one gives the
+    order."""
+    catalog = desired.catalog if len(desired.catalog.services) > 1 else last or desired.catalog
+    services = {
+        name: service if service.meta else replace(service, always_on=False, idle=GONE)
+        for name, service in catalog.services.items()
+    }
+    # `rorg down` is a person's order: nothing waits for another confirmation.
+    policy = replace(catalog.policy, removals="auto")
+    # No network is kept, and no volume if the person said so.
+    fingerprint = desired.catalog.fingerprint
+    gone = replace(
+        catalog, services=services, networks={}, volumes={}, requests=(), policy=policy, fingerprint=fingerprint
+    )
+    return desire(gone, contents=desired.contents)

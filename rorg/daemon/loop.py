@@ -8,12 +8,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from rorg.core.decide import Decision, decide
-from rorg.core.desired import Desired
+from rorg.core.desired import Desired, teardown
 from rorg.core.dispatch import DispatchLimits
 from rorg.core.inputs import Inputs
 from rorg.core.memory import Memory
 from rorg.core.outcomes import finish
-from rorg.core.teardown import teardown
 from rorg.daemon.learner import Learner
 from rorg.daemon.parts import Collaborators
 from rorg.daemon.reporter import Reporter
