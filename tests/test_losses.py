@@ -6,7 +6,7 @@ import pytest
 from robots import VirtualRobot
 from test_pressure import POLICY, service
 
-from rorg.core.losses import losses, ready_runs
+from rorg.core.service_events import losses, ready_runs
 from rorg.history.journal import Filter
 
 

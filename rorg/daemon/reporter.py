@@ -8,13 +8,12 @@ from typing import Any
 from rorg.core.changes import changed_items, changed_keys
 from rorg.core.decide import Decision
 from rorg.core.digest import unreadable
-from rorg.core.losses import losses, ready_runs
 from rorg.core.memory import Memory, Progress
 from rorg.core.observed import Observed
 from rorg.core.pausing import risks
 from rorg.core.requests import MOST_TOLD
 from rorg.core.ros_graph import Takeover
-from rorg.core.state_changes import NONE, state_changes
+from rorg.core.service_events import NONE, losses, ready_runs, state_changes
 from rorg.daemon.recorder import Recorder
 from rorg.daemon.snapshot import pressure_json
 from rorg.daemon.tree import Tree
