@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rorg.core.learning import DEPARTURES, Learning, learn, observe, observe_requests
+from rorg.core.prediction import DEPARTURES, Learning, learn, observe, observe_requests
 from rorg.model.catalog import Request
 from rorg.model.learned import Departure
 from rorg.model.trace import TraceEvent

@@ -7,7 +7,7 @@ import time
 import pytest
 from robots import RealRobot, VirtualRobot, write_tree
 
-from rorg.core.learning import learn
+from rorg.core.prediction import learn
 from rorg.errors import Invalid
 from rorg.manifest.effective import effective
 from rorg.manifest.load import load_or_raise

@@ -12,7 +12,7 @@ from pathlib import Path
 from statistics import mean, median, quantiles
 from typing import Any
 
-from rorg.core.learning import learn
+from rorg.core.prediction import learn
 from rorg.manifest.load import load_or_raise
 from rorg.manifest.traces import read_trace
 from rorg.manifest.workloads import read_workload

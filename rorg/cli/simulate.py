@@ -105,7 +105,7 @@ def command(
 
 
 def _learned(path: Path | None) -> Learned:
-    from rorg.core.learning import learn
+    from rorg.core.prediction import learn
     from rorg.manifest.traces import read_trace
     from rorg.model.learned import Learned
 

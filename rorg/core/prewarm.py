@@ -11,10 +11,20 @@ from dataclasses import dataclass, replace
 
 from rorg.core.admission import Admission, over_budget
 from rorg.core.inputs import Inputs
-from rorg.core.learning import Learning, observe_requests
 from rorg.core.memory import Memory
 from rorg.core.observed import Container
-from rorg.core.prediction import LOOK, RESUME, START, PredictionState, Warm, asked_for, predict, with_duration
+from rorg.core.prediction import (
+    LOOK,
+    RESUME,
+    START,
+    Learning,
+    PredictionState,
+    Warm,
+    asked_for,
+    observe_requests,
+    predict,
+    with_duration,
+)
 from rorg.core.wanted import Cause, Wanted
 from rorg.model.catalog import Catalog, Request, Service
 from rorg.model.graph import closure

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from rorg.core.learning import learn
+from rorg.core.prediction import learn
 from rorg.errors import Missing
 from rorg.history.journal import Journal
 from rorg.history.request_log import requested
