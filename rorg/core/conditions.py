@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from rorg.core.idle import risks
 from rorg.core.memory import STALLED_AFTER, Progress
-from rorg.core.pausing import risks
 from rorg.core.rollout import candidate, has_come_up
 from rorg.core.ros_graph import master_of
 from rorg.core.situation import Situation

@@ -7,11 +7,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from rorg.core.adjust import adjust, cannot_go_on, passing_name
-from rorg.core.ceasing import cease
 from rorg.core.deferred import content_to_restart_for, deferred
 from rorg.core.devices import NODES, given, nodes_of, replugged
 from rorg.core.diff import Difference, difference
 from rorg.core.digest import Rules, labels
+from rorg.core.idle import cease
 from rorg.core.joining import can_return, is_made_ahead, missing, moved, with_ids
 from rorg.core.observed import Container
 from rorg.core.operations import Create, Remove, Rename, Resume, Start

@@ -8,9 +8,9 @@ from typing import Any
 from rorg.core.changes import changed_items, changed_keys
 from rorg.core.decide import Decision
 from rorg.core.digest import unreadable
+from rorg.core.idle import risks
 from rorg.core.memory import Memory, Progress
 from rorg.core.observed import Observed
-from rorg.core.pausing import risks
 from rorg.core.requests import MOST_TOLD
 from rorg.core.ros_graph import Takeover
 from rorg.core.service_events import NONE, losses, ready_runs, state_changes
