@@ -7,8 +7,7 @@ import pytest
 from rorg.model.catalog import Catalog
 from rorg.sim.plots import draw_sweep
 from rorg.sim.results import Response, RunResult, Sample, Violation
-from rorg.sim.tradeoff import tried
-from rorg.sim.variants import Variant
+from rorg.sim.variants import Variant, tried
 
 GIB = 1 << 30
 

@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from rorg.model.trace import Trace
     from rorg.model.workload import Workload
     from rorg.sim.results import RunResult
-    from rorg.sim.tradeoff import Tried
-    from rorg.sim.variants import Tree, Variant
+    from rorg.sim.variants import Tree, Tried, Variant
 
 
 def command(
@@ -160,7 +159,7 @@ class Trial:
 
     def _tried(self, variants: Sequence[Variant]) -> list[Tried]:
         from rorg.sim.simulate import simulate
-        from rorg.sim.tradeoff import tried
+        from rorg.sim.variants import tried
 
         for one in variants:
             self._check(one)

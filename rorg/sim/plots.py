@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from rorg.errors import Invalid
 from rorg.model.trace import Trace
 from rorg.sim.results import RunResult, Sample
-from rorg.sim.tradeoff import Tried
+from rorg.sim.variants import Tried
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -5,8 +5,10 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from math import ceil
 from pathlib import Path
-from typing import Any
+from statistics import fmean, median
+from typing import Any, NamedTuple
 
 from rorg.errors import Invalid
 from rorg.manifest.load import load, usable
@@ -17,6 +19,7 @@ from rorg.manifest.yaml_source import as_scalar, read_yaml
 from rorg.manifest.yaml_text import yaml_text
 from rorg.model.catalog import Catalog, Service
 from rorg.model.diagnostics import nearest
+from rorg.sim.results import Response, RunResult
 
 SETTINGS = {"linger": "linger", "idle": "action", "min_active": "min_active", "prewarm": "prewarm"}
 """Setting -> the field of `idle`."""
@@ -128,3 +131,75 @@ def _with_policy(file: Path, tree: Tree) -> Catalog:
     edits: dict[Path, str | None] = {source.path: None for source in sources.get("Policy", {}).values()}
     edits[tree.root / "policies" / f"{file.stem}.yaml"] = text
     return usable(file, load(tree.root, edits, engine=tree.engine, robot=tree.robot))
+
+
+class Cost(NamedTuple):
+    """Means over a run."""
+
+    cpu: float
+    """Cores."""
+    memory: float
+    """Bytes."""
+    waiting: float
+    """Seconds until a request is ready."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tried:
+    """A variant and its results. Only requests that take time with at least one variant count. Requests for services
+    that are always on would hide the differences."""
+
+    variant: Variant
+    result: RunResult
+    waits: tuple[float, ...]
+    """Seconds, in order, of requests that became ready."""
+    unready: int
+    """Requests that were released before they were ready."""
+    efficient: bool = False
+    """No other variant costs less of something and no more of anything (Pareto)."""
+
+    @property
+    def cost(self) -> Cost:
+        return Cost(self.result.cpu, self.result.memory, fmean(self.waits) if self.waits else 0.0)
+
+    def as_json(self) -> dict[str, Any]:
+        times = sorted(self.waits) or [0.0]
+        return {
+            "run": self.variant.name,
+            "settings": dict(self.variant.settings),
+            "cpu": round(self.result.cpu, 4),
+            "memory": round(self.result.memory),
+            "peak_memory": self.result.peak_memory,
+            "requests": len(self.waits) + self.unready,
+            "response_mean": round(self.cost.waiting, 4),
+            "response_median": round(median(times), 4),
+            "response_p95": round(times[ceil(0.95 * len(times)) - 1], 4),
+            "unready": self.unready,
+            "violations": len(self.result.violations),
+            "calls": sum((self.result.actions or {}).values()),
+            "efficient": self.efficient,
+        }
+
+
+def tried(variants: Sequence[Variant], results: Sequence[RunResult]) -> list[Tried]:
+    """In the order of the variants. All results are of the same trace."""
+    each = list(zip(*(result.responses for result in results), strict=True))
+    counted = [index for index, responses in enumerate(each) if any(r.seconds != 0 for r in responses)]
+    return _marked([_tried(v, r, [r.responses[i] for i in counted]) for v, r in zip(variants, results, strict=True)])
+
+
+def _tried(variant: Variant, result: RunResult, responses: Sequence[Response]) -> Tried:
+    waits = tuple(r.seconds for r in responses if r.seconds is not None)
+    return Tried(variant, result, waits, len(responses) - len(waits))
+
+
+def _marked(found: Sequence[Tried]) -> list[Tried]:
+    costs = [one.cost for one in found]
+    return [
+        Tried(one.variant, one.result, one.waits, one.unready, not any(_beats(other, one.cost) for other in costs))
+        for one in found
+    ]
+
+
+def _beats(one: Cost, other: Cost) -> bool:
+    return one != other and all(mine <= its for mine, its in zip(one, other, strict=True))
