@@ -1,5 +1,9 @@
 """How a container differs from what is declared. Only declared options are compared; defaults filled in by the engine
-never count as a difference."""
+never count as a difference.
+
+Options are compared in normal form: two values that make the same container have the same one. The engine and the
+digest get the values as declared, so that an upgrade of rorg with better normal forms replaces no container.
+"""
 
 from __future__ import annotations
 

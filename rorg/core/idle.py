@@ -1,8 +1,10 @@
-"""Effects of pausing a ROS 1 service on others.
+"""What happens to a service that nothing wants, as its idle policy says: pause, stop or remove; and what pausing a ROS
+1 service does to others. The paper's robot pauses or stops what is not requested (section III-C). Removal (`action:
+remove`) is in reconcile.py, because then no container is kept.
 
-Its connections stay open, and so does its registration at the master. Measured: a paused subscriber receives its whole
-backlog on resume, up to 30 s old; a publisher with queue_size=None blocks while its subscriber is paused; service calls
-to a paused node hang.
+The connections of a paused ROS 1 service stay open, and so does its registration at the master. Measured: a paused
+subscriber receives its whole backlog on resume, up to 30 s old; a publisher with queue_size=None blocks while its
+subscriber is paused; service calls to a paused node hang.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Digests, options and labels of networks and volumes."""
+"""Digests, options, labels and status of networks and volumes."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""Predict which services will be requested soon, from what was learnt about each requester, and how soon they could be
-ready.
+"""Learn what each requester asks for next, from a recorded trace or from requests as they come; predict from it which
+services will be requested soon, and how soon they could be ready.
 
 docs/explanation/planning.md explains the model, a Markov chain per requester.
 """

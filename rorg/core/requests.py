@@ -1,5 +1,8 @@
 """The life of requests: which may be accepted, and which are still live. The paper (section III-B) defines a request as
-a relation between services that lasts until the requester releases it or ends."""
+a relation between services that lasts until the requester releases it or ends.
+
+A requested restart ends the run that was going on, and is done when another run has begun.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""What live requests lose: services that were ready and no longer are, with the cause as a stable word for clients to
-act on."""
+"""Events of services: what live requests lose, with the cause as a stable word for clients to act on; and changes of
+state, for the journal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Everything that a plan depends on, as one value."""
+"""Everything that a plan depends on: the situation, and the planner's view of it while it plans one service. The view
+records whether the plan depends on the time or on all containers, so that such a plan is made again in every pass."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ class Departure:
 @dataclass(frozen=True, slots=True)
 class Learned:
     """A Markov chain per requester, whose states are what it requests. Probabilities and times come from the last
-    departures from each state; core/learning.py limits their number."""
+    departures from each state; core/prediction.py limits their number."""
 
     departures: Mapping[str, Mapping[Names, tuple[Departure, ...]]] = field(default_factory=dict)
     """Requester -> requested names -> departures, the latest last."""

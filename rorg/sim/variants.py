@@ -1,4 +1,5 @@
-"""Variants of a robot: another tree, another Policy, or other idle settings for all services that are not always on."""
+"""Variants of a robot: another tree, another Policy, or other idle settings for all services that are not always on;
+what they cost in CPU, memory and waiting, and which of them are efficient."""
 
 from __future__ import annotations
 
