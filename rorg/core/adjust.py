@@ -6,7 +6,7 @@ Nothing here replaces a container; that is the job of reconcile.py.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 
 from rorg.core.content import changed
 from rorg.core.deferred import content_to_restart_for, deferred
@@ -24,9 +24,7 @@ DEFAULT_SHARES = 1024
 """CPU shares that Docker gives a container which declares no `cpu_shares`."""
 
 
-def adjust(
-    view: View, service: Service, has_actions: Callable[[str], bool], container: Container, diff: Difference
-) -> list[Step]:
+def adjust(view: View, service: Service, container: Container, diff: Difference) -> list[Step]:
     """Return the steps that correct a kept container: options, name, reload signal, and at last a restart."""
     steps = []
     shares = _shares(view, service, container)
@@ -42,7 +40,7 @@ def adjust(
         and container.name != (name := _next_name(view, service))
     ):
         steps.append(Step(Rename(container=container.id, name=name), f"it is called {container.name}"))
-    why = _restart(view, service, has_actions, container)
+    why = _restart(view, service, container)
     contents = view.desired.contents.get(service.name, {})
     if (
         container.state == "running"
@@ -87,7 +85,7 @@ def _shares(view: View, service: Service, container: Container) -> int | None:
     return declared if current == LOWERED_SHARES != declared else None
 
 
-def _restart(view: View, service: Service, has_actions: Callable[[str], bool], container: Container) -> str:
+def _restart(view: View, service: Service, container: Container) -> str:
     """Return why the current run must end although its service is wanted; "" if it may go on."""
     if not container.alive or service.name not in view.s.wanted:
         return ""
@@ -96,10 +94,10 @@ def _restart(view: View, service: Service, has_actions: Callable[[str], bool], c
     paths = content_to_restart_for(view, service, container)
     if paths and not deferred(view, service, paths):
         return f"changed: {', '.join(paths)}"
-    return cannot_go_on(view, service, has_actions, container)
+    return cannot_go_on(view, service, container)
 
 
-def cannot_go_on(view: View, service: Service, has_actions: Callable[[str], bool], container: Container) -> str:
+def cannot_go_on(view: View, service: Service, container: Container) -> str:
     """Return why a run must end although no person and no change requires it: it hangs, or a need with `restart: true`
     was restarted. "" otherwise."""
     memory = view.s.memory.of(service.name)
@@ -113,7 +111,7 @@ def cannot_go_on(view: View, service: Service, has_actions: Callable[[str], bool
             current
             and current.state == "running"
             and memory.counted_on.lost(need, container, current)
-            and not has_actions(need)
+            and not view.has_actions(need)
             and view.s.memory.of(need).ready
             and not tried(view, need)
         ):

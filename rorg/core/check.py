@@ -110,7 +110,7 @@ def _activation(action: Action, situation: Situation) -> list[str]:
             if not services[n].meta
             and not action.after
             and not situation.memory.of(n).ready
-            and not _completed(n, situation)
+            and not situation.completed(n)
         ]
         if unready:
             return [f"{action} before {', '.join(unready)} is ready"]
@@ -119,9 +119,3 @@ def _activation(action: Action, situation: Situation) -> list[str]:
     if name in situation.wanted and ends and not (action.part_of or action.surplus or unplugged):
         return [f"{action}, which is wanted"]
     return []
-
-
-def _completed(name: str, situation: Situation) -> bool:
-    current = situation.observed.current(name)
-    service = situation.desired.catalog.services[name]
-    return current is not None and current.exit_code == 0 and situation.memory.of(name).over(service, current)

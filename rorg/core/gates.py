@@ -4,12 +4,10 @@ conflicts, exclusive resources, ROS parameters, lingering."""
 from __future__ import annotations
 
 from collections.abc import Collection
-from typing import Protocol
 
 from rorg.core.deferred import held_back
 from rorg.core.digest import rules_of
 from rorg.core.joining import awaited, ended, is_cut_off
-from rorg.core.memory import Progress
 from rorg.core.operations import Create, Operation, Rename, Start, Stop
 from rorg.core.plan import Part, Waiting
 from rorg.core.ros_parameters import due
@@ -25,39 +23,27 @@ Passage = tuple[tuple[str, ...], Waiting | None]
 FREE: Passage = (), None
 
 
-class Earlier(Protocol):
-    """The plans of the services that come before this one."""
-
-    def has_actions(self, name: str) -> bool:
-        """Return whether the plan has actions for it."""
-
-    def unready(self, name: str) -> str:
-        """Return why it is not ready and the plan will not change that; "" otherwise."""
-
-    def code(self, name: str) -> str:
-        """Return the code of what it waits for."""
-
-
-def gate(view: View, service: Service, step: Step, earlier: Earlier, no_linger: Collection[str]) -> Passage:
-    """Return what a step must follow or wait for. `no_linger` are unwanted services that must cease immediately."""
-    made, waiting = _objects(view, service.name, step, earlier)
+def gate(view: View, service: Service, step: Step) -> Passage:
+    """Return what a step must follow or wait for."""
+    made, waiting = _objects(view, service.name, step)
     if waiting:
         return (), waiting
-    after, waiting = _gate(view, service, step, earlier, no_linger)
+    after, waiting = _gate(view, service, step)
     return (*made, *after), waiting
 
 
-def _objects(view: View, name: str, step: Step, earlier: Earlier) -> Passage:
+def _objects(view: View, name: str, step: Step) -> Passage:
     """Networks and volumes must exist before a container that uses them is created or started."""
     uses = view.desired.uses.get(name, ()) if isinstance(step.operation, (Create, Start)) else ()
     for subject in uses:
-        reason = earlier.unready(subject)
-        if reason:
-            return (), Waiting(name, f"{subject} {reason}", code=earlier.code(subject))
-    return tuple(subject for subject in uses if earlier.has_actions(subject)), None
+        plan = view.earlier(subject)
+        if plan.unready:
+            code = next((w.code for w in plan.waitings), "")
+            return (), Waiting(name, f"{subject} {plan.unready}", code=code)
+    return tuple(subject for subject in uses if view.has_actions(subject)), None
 
 
-def _gate(view: View, service: Service, step: Step, earlier: Earlier, no_linger: Collection[str]) -> Passage:
+def _gate(view: View, service: Service, step: Step) -> Passage:
     name, memory = service.name, view.s.memory.of(service.name)
     operation = step.operation
     if isinstance(operation, Create):
@@ -85,12 +71,12 @@ def _gate(view: View, service: Service, step: Step, earlier: Earlier, no_linger:
     if view.s.closed and begins and not admitted:
         return (), Waiting(name, view.s.closed)
     if isinstance(operation, Create) and service.joins:
-        return _join(view, service, earlier)
+        return _join(view, service)
     if operation.begins or (swap and name in view.s.wanted):
-        passage = _start(view, service, step, earlier)  # what runs goes on until its replacement can begin
+        passage = _start(view, service, step)  # what runs goes on until its replacement can begin
         return _parameters(view, service) if isinstance(operation, Start) and passage == FREE else passage
     if operation.ends and name not in view.s.wanted:
-        return _cease(view, service, earlier, no_linger)
+        return _cease(view, service)
     return FREE
 
 
@@ -103,25 +89,25 @@ def _ends_anyway(view: View, service: Service) -> bool:
     return is_cut_off(view, service, current)
 
 
-def _join(view: View, service: Service, earlier: Earlier) -> Passage:
+def _join(view: View, service: Service) -> Passage:
     """The containers to join must exist first, because the engine joins by id."""
-    after = tuple(need for need in service.joins if earlier.has_actions(need))
+    after = tuple(need for need in service.joins if view.has_actions(need))
     if after:
         return after, None
     for need in service.joins:
         if not view.of(need):
-            reason = earlier.unready(need) or "has no container to be joined to"
+            reason = view.unready(need) or "has no container to be joined to"
             return (), Waiting(service.name, f"{need} {reason}", _ready_at(view, need))
     return (), awaited(view, service)
 
 
-def _start(view: View, service: Service, step: Step, earlier: Earlier) -> Passage:
+def _start(view: View, service: Service, step: Step) -> Passage:
     name, after = service.name, []
     begun = step.operation.container if step.operation.begins else ""
     for need in service.needs:
-        if earlier.has_actions(need):
+        if view.has_actions(need):
             after.append(need)
-        reason = earlier.unready(need)
+        reason = view.unready(need)
         if not reason and need not in after and need in ends_with(service.joins):
             reason = ended(view, service, need, begun)
         if reason:
@@ -129,12 +115,12 @@ def _start(view: View, service: Service, step: Step, earlier: Earlier) -> Passag
     left = [n for n, cs in view.exclusive.undeclared.items() if name in rules_of(cs[0].rules).conflicts]
     for other in (*view.desired.conflicts.get(name, ()), *left):
         if view.active(other):
-            if not earlier.has_actions(other):
+            if not view.has_actions(other):
                 return (), Waiting(name, f"conflicts with {other}, which is active")
             after.append(other)
     for resource in service.exclusive:
         holders = view.exclusive.holders(service, resource)
-        if not all(earlier.has_actions(h) for h in holders):
+        if not all(view.has_actions(h) for h in holders):
             return (), Waiting(name, f"waits for {resource}, which {', '.join(holders)} still uses")
         after += holders
     return tuple(after), None
@@ -158,7 +144,7 @@ def _ready_at(view: View, need: str) -> float | None:
 
 
 def unready(view: View, service: Service, blocked: str, planned: Collection[Operation]) -> str:
-    """Return what Earlier.unready() says about a service after it was planned. `blocked` is why its chain stops, after
+    """Return what View.unready() says about a service after it was planned. `blocked` is why its chain stops, after
     the `planned` operations. A service that runs and goes on is as ready as before, even if a change of it has to
     wait."""
     progress = view.s.memory.of(service.name)
@@ -167,7 +153,7 @@ def unready(view: View, service: Service, blocked: str, planned: Collection[Oper
         return ""
     if blocked and not goes_on:
         return f"waits: {blocked}"
-    if (planned and not blocked) or _completed(view, service, progress):
+    if (planned and not blocked) or view.s.completed(service.name):
         return ""
     if progress.running_since is None:
         return f"is not running ({progress.error or 'ended'})"
@@ -180,13 +166,7 @@ def unready(view: View, service: Service, blocked: str, planned: Collection[Oper
     return f"is not ready ({format_seconds(view.now - progress.running_since)}{limit}){detail}"
 
 
-def _completed(view: View, service: Service, progress: Progress) -> bool:
-    """Return whether it is a task that ended with exit code 0."""
-    current = view.current(service.name)
-    return current is not None and current.exit_code == 0 and progress.over(service, current)
-
-
-def _cease(view: View, service: Service, earlier: Earlier, no_linger: Collection[str]) -> Passage:
+def _cease(view: View, service: Service) -> Passage:
     name, after = service.name, []
     if not view.active(name) or name not in view.desired.catalog.services:
         return FREE
@@ -194,10 +174,10 @@ def _cease(view: View, service: Service, earlier: Earlier, no_linger: Collection
         if view.starting(dependant):
             return (), Waiting(name, f"not wanted, but {dependant} needs it and is being started")
         if view.active(dependant):
-            if not earlier.has_actions(dependant):
+            if not view.has_actions(dependant):
                 return (), Waiting(name, f"not wanted, but {dependant} needs it and is still active")
             after.append(dependant)
-    if name in no_linger or view.s.hurry:
+    if view.hurry:
         return tuple(after), None
     until = _lingers_until(view, service)
     if until is not None and until > view.now:

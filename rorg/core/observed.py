@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypedDict
 
@@ -148,9 +148,13 @@ class Observed:
             object.__setattr__(self, "_by_service", _sorted(self.containers))
         return self._by_service  # type: ignore[return-value]
 
+    def of(self, service: str) -> Sequence[Container]:
+        """Return the containers of one service."""
+        return self.by_service().get(service, ())
+
     def current(self, service: str) -> Container | None:
         """Return the container by which a service is active, or else the last started one."""
-        return next(iter(self.by_service().get(service, ())), None)
+        return next(iter(self.of(service)), None)
 
     def since(self, before: Observed) -> set[str]:
         """Return services whose containers changed, and take over the sorting of all others."""

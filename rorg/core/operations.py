@@ -227,6 +227,7 @@ class CreateObject(ObjectOperation):
     """Create a network or volume."""
 
     verb, symbol = "create", "+"
+    brings_up = True
 
     spec: Mapping[str, Any]
     labels: Mapping[str, str]

@@ -11,13 +11,13 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping
 
 from rorg.core.gates import gate, unready
-from rorg.core.object_plans import declared_objects, declared_plan, former_objects, former_plan
+from rorg.core.object_plans import declared_chain, declared_objects, former_chain, former_objects
+from rorg.core.operations import CreateObject
 from rorg.core.plan import NOTHING, Action, ServicePlan, Waiting
 from rorg.core.reconcile import chain
 from rorg.core.situation import Exclusive, Situation, View
-from rorg.core.steps import Step, away
+from rorg.core.steps import Chain, Step, away
 from rorg.model.catalog import Service
-from rorg.model.objects import is_object
 from rorg.model.units import format_seconds
 
 LAST = -1
@@ -65,56 +65,61 @@ class Planner:
     def __init__(self, situation: Situation, places: Mapping[str, int], no_linger: Collection[str] | None) -> None:
         self.s, self.places = situation, places
         self.services = situation.desired.catalog.services
-        self.containers = situation.observed.by_service()
-        self.undeclared = {n: self.containers[n] for n in undeclared(situation)}
+        self.undeclared = {n: situation.observed.of(n) for n in undeclared(situation)}
         self.former = former_objects(situation)
-        self.exclusive = Exclusive(situation, self.containers, self.undeclared)
+        self.exclusive = Exclusive(situation, self.undeclared)
         self.no_linger = without_linger(situation, self.exclusive) if no_linger is None else no_linger
         self.plans: dict[str, ServicePlan] = {}
 
     def plan(self, name: str) -> ServicePlan:
         """Plan one service. The plans before it in order must exist."""
-        view = View(self.s, self.containers, self.exclusive)
+        place = self.places[name]
+
+        def earlier(other: str) -> ServicePlan:
+            return self.plans[other] if self.places.get(other, place) < place else NOTHING
+
+        view = View(self.s, self.exclusive, earlier, self.s.hurry or name in self.no_linger)
         self.plans[name] = made = self._plan(name, view)
         return made
 
     def _plan(self, name: str, view: View) -> ServicePlan:
-        if name in self.former:
-            return former_plan(view, name, self.former[name], EarlierPlans(self, name).has_actions)
-        if name in self.s.desired.objects:
-            return declared_plan(view, name)
-        return self._undeclared(name, view) if name in self.undeclared else self._declared(self.services[name], view)
-
-    def _undeclared(self, name: str, view: View) -> ServicePlan:
-        """Plan the removal of a service that is no longer declared."""
-        if name in self.s.memory.in_flight or name in self.s.withheld:
-            return NOTHING
-        if not (self.s.removals or name in self.s.confirmed):
-            why = "not declared; its removal is withheld until the manifests load"
-            return ServicePlan(waitings=(Waiting(name, why),))
-        steps = [s for c in self.containers[name] for s in away(c, "no manifest declares it", volumes=True)]
-        actions, waitings, _ = self._let_through(Service(name), steps, view)
-        return ServicePlan(actions=actions, waitings=waitings, volatile=view.volatile)
-
-    def _declared(self, service: Service, view: View) -> ServicePlan:
-        name, flight = service.name, self.s.memory.in_flight.get(service.name)
+        flight = self.s.memory.in_flight.get(name)
+        service = self.services[name] if name in self.s.desired.digests else Service(name)
         if flight:
-            blocked = f"{flight.action.verb} under way for {format_seconds(view.now - flight.since)}"
-            return ServicePlan(unready=f"waits: {blocked}", volatile=True)
-        if any(c.state == "removing" for c in view.of(name)):
-            blocked = "the engine is removing its container"
-            return ServicePlan(waitings=(Waiting(name, blocked),), unready=f"waits: {blocked}")
-        desired_chain = chain(view, service, EarlierPlans(self, name).has_actions)
-        actions, waitings, blocked = self._let_through(service, desired_chain.steps, view)
-        needed = self.s.desired.dependants[name]
+            under_way = f"{flight.action.verb} under way for {format_seconds(view.now - flight.since)}"
+            return ServicePlan(unready=f"waits: {under_way}", volatile=True)
+        led = self._chain(name, service, view)
+        actions, waitings, blocked = self._let_through(service, led.steps, view)
+        if led.waiting:
+            waitings, blocked = (led.waiting,), led.waiting.reason
+        missing = f"waits: {blocked}" if blocked else ""
+        if not led.waiting and self.s.desired.dependants.get(name):
+            missing = unready(view, service, blocked, [a.operation for a in actions])
         return ServicePlan(
             actions=actions,
             waitings=waitings,
-            notes=desired_chain.notes,
-            alarm=desired_chain.alarm,
-            unready=unready(view, service, blocked, [a.operation for a in actions]) if needed else "",
+            notes=tuple(led.notes),
+            alarm=led.alarm,
+            unready=missing,
             volatile=view.volatile,
         )
+
+    def _chain(self, name: str, service: Service, view: View) -> Chain:
+        """Return what leads to the desired state if nothing is in the way."""
+        gone = name in self.former or name in self.undeclared
+        if gone and name in self.s.withheld:
+            return Chain()
+        if gone and not (self.s.removals or name in self.s.confirmed):
+            return Chain(waiting=Waiting(name, "not declared; its removal is withheld until the manifests load"))
+        if name in self.former:
+            return former_chain(view, name, self.former[name])
+        if name in self.undeclared:
+            return Chain([s for c in view.of(name) for s in away(c, "no manifest declares it", volumes=True)])
+        if name in self.s.desired.objects:
+            return declared_chain(view, name)
+        if any(c.state == "removing" for c in view.of(name)):
+            return Chain(waiting=Waiting(name, "the engine is removing its container"))
+        return chain(view, service)
 
     def _let_through(
         self, service: Service, steps: Iterable[Step], view: View
@@ -123,60 +128,34 @@ class Planner:
         optional step that must wait does not stop the chain."""
         actions: list[Action] = []
         waitings: dict[Waiting, None] = {}
-        earlier = EarlierPlans(self, service.name)
         for step in steps:
-            linked, waiting = gate(view, service, step, earlier, self.no_linger)
+            linked, waiting = gate(view, service, step)
             if waiting:
                 waitings[waiting] = None
                 if step.operation.optional:
                     continue
                 return tuple(actions), tuple(waitings), waiting.reason
             own = (service.name,) if actions else ()
-            actions.append(self._action(service, step, len(actions), tuple(dict.fromkeys(own + linked)), view))
+            after = tuple(dict.fromkeys((*own, *step.after, *linked)))
+            actions.append(self._action(service, step, len(actions), after, view))
         return tuple(actions), tuple(waitings), ""
 
     def _action(self, service: Service, step: Step, index: int, after: tuple[str, ...], view: View) -> Action:
+        name = service.name
+        users = self.s.desired.users.get(name, ()) if isinstance(step.operation, CreateObject) else ()
+        # Replacing a service that runs is not urgent.
+        urgent = step.operation.brings_up and not view.active(name)
+        priority = max((self.services[n].priority for n in users), default=service.priority)
         return Action(
             index=index,
             operation=step.operation,
-            service=service.name,
+            service=name,
             reason=step.reason,
             fields=step.fields,
             after=after,
-            urgent=self._is_urgent(service.name, step, view),
-            priority=LAST if service.name in self.s.prewarmed else service.priority,
+            urgent=urgent and any(n in self.s.urgent for n in users or (name,)),
+            priority=LAST if name in self.s.prewarmed else priority,
             driver=service.driver,
             part_of=step.part_of,
             surplus=step.surplus,
         )
-
-    def _is_urgent(self, name: str, step: Step, view: View) -> bool:
-        """Return whether a step brings up a service that a live request waits for. Replacing one that runs is not
-        urgent."""
-        if name not in self.s.urgent:
-            return False
-        return step.operation.brings_up and not view.active(name)
-
-
-class EarlierPlans:
-    """What a service may know about other plans: only those before it in order, so that the result does not depend on
-    the order of planning within a pass."""
-
-    def __init__(self, planner: Planner, service: str) -> None:
-        self.planner, self.place = planner, planner.places[service]
-
-    def _plan(self, name: str) -> ServicePlan:
-        places = self.planner.places
-        return self.planner.plans[name] if name in places and places[name] < self.place else NOTHING
-
-    def has_actions(self, name: str) -> bool:
-        return bool(self._plan(name).actions)
-
-    def code(self, name: str) -> str:
-        return next((w.code for w in self._plan(name).waitings), "")
-
-    def unready(self, name: str) -> str:
-        if is_object(name):
-            return self._plan(name).unready
-        service = self.planner.services.get(name)
-        return "is not declared" if service is None else "" if service.meta else self._plan(name).unready

@@ -3,8 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from rorg.core.adjust import adjust, cannot_go_on, passing_name
 from rorg.core.deferred import content_to_restart_for, deferred
@@ -17,32 +16,22 @@ from rorg.core.observed import Container
 from rorg.core.operations import Create, Remove, Rename, Resume, Start
 from rorg.core.plan import Part, Waiting
 from rorg.core.situation import View
-from rorg.core.steps import Step, away, restarting, stop, stops
+from rorg.core.steps import Chain, Step, away, restarting, stop, stops
 from rorg.core.swap import Swap
 from rorg.model.catalog import Service, Spec
 from rorg.model.codes import DEVICE
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Chain:
-    """The chain of one service. `notes` hold nothing back but are reported; `alarm` is when something is due that no
-    waiting mentions."""
-
-    steps: tuple[Step, ...]
-    notes: tuple[Waiting, ...]
-    alarm: float | None
-
-
-def chain(view: View, service: Service, has_actions: Callable[[str], bool]) -> Chain:
-    """Return the chain of a service. `has_actions` returns whether the plan already has actions for a service."""
-    reconciled = _Reconciled(view, service, has_actions)
+def chain(view: View, service: Service) -> Chain:
+    """Return the chain of a service."""
+    reconciled = _Reconciled(view, service)
     steps = reconciled.steps()
-    return Chain(steps=tuple(steps), notes=tuple(reconciled.notes), alarm=reconciled.alarm)
+    return Chain(steps, reconciled.notes, reconciled.alarm)
 
 
 class _Reconciled:
-    def __init__(self, view: View, service: Service, has_actions: Callable[[str], bool]) -> None:
-        self.view, self.service, self.has_actions = view, service, has_actions
+    def __init__(self, view: View, service: Service) -> None:
+        self.view, self.service = view, service
         self.s, self.desired, self.name = view.s, view.desired, service.name
         self.step = view.s.memory.of(service.name)
         self.nodes = nodes_of(service, view.s.devices)
@@ -78,7 +67,7 @@ class _Reconciled:
         if swap.old:
             steps += self.make_room(swap.old)
         if current:
-            steps += adjust(self.view, self.service, self.has_actions, *current)
+            steps += adjust(self.view, self.service, *current)
             later = deferred(self.view, self.service, content_to_restart_for(self.view, self.service, current[0]))
             self.notes += [later] if later else []
         elif new_name != self.service.container_name and self.s.engine.rename:
@@ -117,7 +106,7 @@ class _Reconciled:
             joined = container.networks.get(network.called, "") if network.kind == "network" else ""
             existing = objects.found.get(network.key) if objects else None
             known = existing is not None or (objects is not None and network.key in objects.asked)
-            if joined and known and (existing is None or existing.id != joined or self.has_actions(name)):
+            if joined and known and (existing is None or existing.id != joined or self.view.has_actions(name)):
                 return True
         return False
 
@@ -140,7 +129,7 @@ class _Reconciled:
         steps = [stop(c, why, self.service) for c in others if c.alive]
         steps += [
             s
-            for s in adjust(self.view, self.service, self.has_actions, old, Difference())
+            for s in adjust(self.view, self.service, old, Difference())
             if not others or not isinstance(s.operation, Rename)
         ]
         steps += self.run(old, steps)
@@ -158,7 +147,7 @@ class _Reconciled:
         waits = self.step.update.held and self.name in self.s.wanted and old.id not in self.moved
         if not waits or not old.alive or self.name in self.s.restarts:
             return ""
-        return cannot_go_on(self.view, self.service, self.has_actions, old)
+        return cannot_go_on(self.view, self.service, old)
 
     def worth(self, stale: list[tuple[Container, Difference]]) -> list[Container]:
         """Return the containers that are worth going back to. A container that is only joined to old containers is no

@@ -3,18 +3,20 @@ records whether the plan depends on the time or on all containers, so that such 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from rorg.core.desired import Desired
 from rorg.core.digest import rules_of
 from rorg.core.memory import Memory
 from rorg.core.observed import Container, Observed
+from rorg.core.plan import ServicePlan
 from rorg.core.ros_graph import Graphs
 from rorg.core.wanted import Wanted
 from rorg.model.catalog import Service
 from rorg.model.devices import Device, Plugged
 from rorg.model.engines import Capabilities
+from rorg.model.objects import is_object
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,17 +83,23 @@ class Situation:
     withheld: Mapping[str, str] = field(default_factory=dict)
     """Undeclared services that stay until a person confirms their removal, each with the reason."""
 
+    def over(self, name: str) -> bool:
+        """Return whether a service ended and its restart policy does not restart it."""
+        current = self.observed.current(name)
+        return current is not None and self.memory.of(name).over(self.desired.catalog.services[name], current)
 
-Containers = Mapping[str, Sequence[Container]]
-"""Service -> its containers, the current one first."""
+    def completed(self, name: str) -> bool:
+        """Return whether it is a task that ended with exit code 0."""
+        current = self.observed.current(name)
+        return current is not None and current.exit_code == 0 and self.over(name)
 
 
 class Exclusive:
     """Holders of exclusive resources in one situation. `undeclared` are containers of services that no manifest
     declares, or that are declared without a container."""
 
-    def __init__(self, situation: Situation, containers: Containers, undeclared: Containers) -> None:
-        self.s, self.desired, self.containers, self.undeclared = situation, situation.desired, containers, undeclared
+    def __init__(self, situation: Situation, undeclared: Mapping[str, Sequence[Container]]) -> None:
+        self.s, self.desired, self.undeclared = situation, situation.desired, undeclared
         self.capacity = situation.desired.catalog.policy.resources
 
     def holders(self, service: Service, resource: str) -> list[str]:
@@ -113,7 +121,7 @@ class Exclusive:
             if any(
                 used + (0 if self.alive(o) else self.units(o, resource)) > capacity
                 for o in sharers
-                if o in self.s.wanted and not self.done(o)
+                if o in self.s.wanted and not self.s.over(o)
             ):
                 return True
         return False
@@ -130,22 +138,25 @@ class Exclusive:
         return self.desired.catalog.services[name].exclusive[resource]
 
     def alive(self, name: str) -> bool:
-        return any(c.alive for c in self.containers.get(name, ()))
-
-    def done(self, name: str) -> bool:
-        """Return whether a service ended and its restart policy does not restart it."""
-        current = next(iter(self.containers.get(name, ())), None)
-        service = self.desired.catalog.services[name]
-        return current is not None and self.s.memory.of(name).over(service, current)
+        return any(c.alive for c in self.s.observed.of(name))
 
 
 class View:
-    """A situation, seen from one service. Its plan may depend on the service itself and on related ones (see
-    depending_plans in incremental.py). Reading `now` or `all_containers` adds a dependency on everything and marks the
-    plan as `volatile`."""
+    """A situation, seen from one service, network or volume. Its plan may depend on itself, on related services (see
+    depending_plans in incremental.py) and on the plans before it in order. Reading `now` or `all_containers` adds a
+    dependency on everything and marks the plan as `volatile`.
 
-    def __init__(self, situation: Situation, containers: Containers, exclusive: Exclusive) -> None:
-        self.s, self.desired, self.containers, self.exclusive = situation, situation.desired, containers, exclusive
+    - `earlier`: returns the plan of a service that comes before this one, and an empty plan for every other, so that the
+      result does not depend on the order of planning within a pass;
+    - `hurry`: it does not linger.
+    """
+
+    def __init__(
+        self, situation: Situation, exclusive: Exclusive, earlier: Callable[[str], ServicePlan], hurry: bool
+    ) -> None:
+        self.s, self.desired, self.exclusive = situation, situation.desired, exclusive
+        self.earlier, self.hurry = earlier, hurry
+        self.of, self.current = situation.observed.of, situation.observed.current
         self.volatile = False
 
     @property
@@ -158,16 +169,21 @@ class View:
         self.volatile = True
         return self.s.observed.containers
 
-    def of(self, service: str) -> Sequence[Container]:
-        return self.containers.get(service, ())
-
-    def current(self, service: str) -> Container | None:
-        return next(iter(self.containers.get(service, ())), None)
-
     def starting(self, service: str) -> bool:
         """Return whether a call is under way that makes the service active."""
         flight = self.s.memory.in_flight.get(service)
         return flight is not None and flight.action.operation.begins
 
     def active(self, service: str) -> bool:
-        return any(c.active for c in self.containers.get(service, ()))
+        return any(c.active for c in self.of(service))
+
+    def has_actions(self, name: str) -> bool:
+        """Return whether the plan before this one has actions for a service."""
+        return bool(self.earlier(name).actions)
+
+    def unready(self, name: str) -> str:
+        """Return why a service is not ready and the plan will not change that; "" otherwise."""
+        service = self.desired.catalog.services.get(name)
+        if service is None and not is_object(name):
+            return "is not declared"
+        return "" if service and service.meta else self.earlier(name).unready

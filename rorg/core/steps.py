@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,7 +10,7 @@ from rorg.core.digest import declared_of
 from rorg.core.memory import DEFAULT_GRACE
 from rorg.core.observed import Container
 from rorg.core.operations import Operation, Remove, Start, Stop
-from rorg.core.plan import Part
+from rorg.core.plan import Part, Waiting
 from rorg.model.catalog import Service
 from rorg.model.units import LONGEST
 
@@ -25,6 +25,19 @@ class Step:
     part_of: Part = Part.NONE
     surplus: bool = False
     """See Action."""
+    after: tuple[str, ...] = ()
+    """Services whose actions must come first, besides what the gates find."""
+
+
+@dataclass(frozen=True, slots=True)
+class Chain:
+    """What leads a service, network or volume from what is observed to what is desired. `notes` hold nothing back but
+    are reported; `alarm` is when something is due that no waiting mentions; with `waiting` nothing can be done now."""
+
+    steps: Sequence[Step] = ()
+    notes: Sequence[Waiting] = ()
+    alarm: float | None = None
+    waiting: Waiting | None = None
 
 
 def away(container: Container, reason: str, service: Service | None = None, volumes: bool = False) -> list[Step]:
