@@ -3,8 +3,6 @@ an action on a robot cannot be undone."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from rorg.core.incremental import Planned
 from rorg.core.joining import joined_of
 from rorg.core.observed import LABEL_JOINED
@@ -16,44 +14,41 @@ from rorg.model.objects import is_object, subject
 
 def check(planned: Planned) -> list[str]:
     """Return violations found in the part of the plan that was made in this pass; empty if it may be executed."""
-    plans, places = planned.plans, planned.places
+    plans, places, situation = planned.plans, planned.places, planned.situation
     violations: list[str] = []
     for name in planned.replanned:
-        for action in plans[name].actions:
+        actions = plans[name].actions
+        if actions and not situation.observed.complete:
+            violations.append(f"actions for {name} on an incomplete observation")
+        if actions and name in situation.memory.in_flight:
+            violations.append(f"a second action for {name} while one is under way")
+        if sum(not a.after for a in actions) > 1:
+            violations.append(f"two actions at once for {name}")
+        for action in actions:
             earlier_services = [earlier for earlier in action.after if earlier != name or not action.index]
             if any(not plans[earlier].actions or places[earlier] >= places[name] for earlier in earlier_services):
                 violations.append(f"{action} comes before what it must follow")
-        check_chain = _object_chain if is_object(name) else _chain
-        violations += check_chain(name, plans[name].actions, planned.situation)
+            violations += (_on_object if is_object(name) else _on_container)(action, situation)
     return violations
 
 
-def _chain(name: str, actions: Sequence[Action], situation: Situation) -> list[str]:
-    """Check the actions of one service."""
-    containers = situation.observed.by_service().get(name, [])
+def _on_container(action: Action, situation: Situation) -> list[str]:
+    """Check an action on a service."""
+    name, containers = action.service, situation.observed.of(action.service)
     known = {c.id: c for c in containers}
-    violations = [f"two actions at once for {name}"] if sum(not a.after for a in actions) > 1 else []
-    if actions and not situation.observed.complete:
-        violations.append(f"actions for {name} on an incomplete observation")
-    for action in actions:
-        if name in situation.memory.in_flight:
-            violations.append(f"a second action for {name} while one is under way")
-        if action.container and action.container not in known:
-            owner = next((c.service for c in situation.observed.containers if c.id == action.container), "")
-            violations.append(f"{action} touches a container " + (f"of {owner}" if owner else "that is not ours"))
-        if not action.after and action.container:
-            state = known[action.container].state if action.container in known else ""
-            if action.operation.states and state not in action.operation.states:
-                violations.append(f"{action} of a container that is {state}")
-        violations += _activation(action, situation) + _joined(action, situation)
-        if not action.after and action.operation.begins:
-            violations += [
-                f"{action} beside another active container of it"
-                for c in containers
-                if c.active and c.id != action.container
-            ]
-        if situation.interlocks.get(name) and action.operation.felt:
-            violations.append(f"{action} against its interlock")
+    violations = _activation(action, situation) + _joined(action, situation)
+    if action.container and action.container not in known:
+        owner = next((c.service for c in situation.observed.containers if c.id == action.container), "")
+        violations.append(f"{action} touches a container " + (f"of {owner}" if owner else "that is not ours"))
+    if not action.after and action.container:
+        state = known[action.container].state if action.container in known else ""
+        if action.operation.states and state not in action.operation.states:
+            violations.append(f"{action} of a container that is {state}")
+    if not action.after and action.operation.begins:
+        others = [c for c in containers if c.active and c.id != action.container]
+        violations += [f"{action} beside another active container of it" for _ in others]
+    if situation.interlocks.get(name) and action.operation.felt:
+        violations.append(f"{action} against its interlock")
     return violations
 
 
@@ -67,31 +62,27 @@ def _joined(action: Action, situation: Situation) -> list[str]:
     return [f"{action}, joined to no container of {', '.join(lost)}"] if lost else []
 
 
-def _object_chain(name: str, actions: Sequence[Action], situation: Situation) -> list[str]:
-    """Check the actions of a network or volume."""
-    objects, declared = situation.observed.objects, situation.desired.objects.get(name)
-    violations = [f"two actions at once for {name}"] if sum(not a.after for a in actions) > 1 else []
-    if actions and (objects is None or not situation.observed.complete):
-        return [*violations, f"actions for {name} on an incomplete observation"]
-    for action in actions:
-        operation = action.operation
-        if not isinstance(operation, ObjectOperation):
-            return [*violations, f"{action} on a container of what has none"]
-        existing = objects.found.get(subject(operation.object, operation.name)) if objects else None
-        if name in situation.memory.in_flight:
-            violations.append(f"a second action for {name} while one is under way")
-        if isinstance(operation, CreateObject) and (
-            declared is None or declared.external or (existing is not None and not action.index)
-        ):
-            violations.append(f"{action}, which is not for rorg to make")
-        if isinstance(operation, RemoveObject):
-            if existing is None or existing.owner != situation.owner:
-                violations.append(f"{action} touches what is not ours")
-            elif existing.kind == "volume" and (declared is not None or not situation.purge):
-                violations.append(f"{action} loses data")
-            elif declared is None and not situation.removals:
-                violations.append(f"{action}, which no manifest declares")
-    return violations
+def _on_object(action: Action, situation: Situation) -> list[str]:
+    """Check an action on a network or volume."""
+    objects, declared = situation.observed.objects, situation.desired.objects.get(action.service)
+    operation = action.operation
+    if objects is None:
+        return [f"actions for {action.service} on an incomplete observation"]
+    if not isinstance(operation, ObjectOperation):
+        return [f"{action} on a container of what has none"]
+    existing = objects.found.get(subject(operation.object, operation.name))
+    if isinstance(operation, CreateObject) and (
+        declared is None or declared.external or (existing is not None and not action.index)
+    ):
+        return [f"{action}, which is not for rorg to make"]
+    if isinstance(operation, RemoveObject):
+        if existing is None or existing.owner != situation.owner:
+            return [f"{action} touches what is not ours"]
+        if existing.kind == "volume" and (declared is not None or not situation.purge):
+            return [f"{action} loses data"]
+        if declared is None and not situation.removals:
+            return [f"{action}, which no manifest declares"]
+    return []
 
 
 def _activation(action: Action, situation: Situation) -> list[str]:

@@ -16,7 +16,6 @@ from rorg.core.wanted import Wanted
 from rorg.model.catalog import Service
 from rorg.model.devices import Device, Plugged
 from rorg.model.engines import Capabilities
-from rorg.model.objects import is_object
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,8 +145,8 @@ class View:
     depending_plans in incremental.py) and on the plans before it in order. Reading `now` or `all_containers` adds a
     dependency on everything and marks the plan as `volatile`.
 
-    - `earlier`: returns the plan of a service that comes before this one, and an empty plan for every other, so that the
-      result does not depend on the order of planning within a pass;
+    - `earlier`: returns the plan of a service that comes before this one, and an empty plan for every other, so that
+      the result does not depend on the order of planning within a pass;
     - `hurry`: it does not linger.
     """
 
@@ -184,6 +183,4 @@ class View:
     def unready(self, name: str) -> str:
         """Return why a service is not ready and the plan will not change that; "" otherwise."""
         service = self.desired.catalog.services.get(name)
-        if service is None and not is_object(name):
-            return "is not declared"
-        return "" if service and service.meta else self.earlier(name).unready
+        return "is not declared" if service is None else "" if service.meta else self.earlier(name).unready
