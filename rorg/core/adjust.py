@@ -28,7 +28,7 @@ def adjust(view: View, service: Service, container: Container, diff: Difference)
     """Return the steps that correct a kept container: options, name, reload signal, and at last a restart."""
     steps = []
     shares = _shares(view, service, container)
-    live = {k: v for k, v in diff.live.items() if k != "cpu_shares" or service.name not in view.s.lowered}
+    live = {k: v for k, v in diff.live.items() if k != "cpu_shares" or service.name not in view.s.measures.lowered}
     if live:
         steps.append(Step(Update(container=container.id, options=live), "changed", tuple(sorted(live))))
     elif shares is not None and view.s.engine.update:
@@ -79,7 +79,7 @@ def passing_name(view: View, service: Service, taken: Collection[str] = ()) -> s
 def _shares(view: View, service: Service, container: Container) -> int | None:
     """Return the CPU shares to set because of pressure or to restore after it; None to change nothing."""
     current = container.live.get("cpu_shares")
-    if service.name in view.s.lowered:
+    if service.name in view.s.measures.lowered:
         return LOWERED_SHARES if container.active and current != LOWERED_SHARES else None
     declared = (service.spec or {}).get("cpu_shares", DEFAULT_SHARES)
     return declared if current == LOWERED_SHARES != declared else None

@@ -6,84 +6,55 @@ pressure.py decides when to take a measure; this file knows what a measure would
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import cached_property
 
 from rorg.core.admission import PROTECTED, Admission
-from rorg.core.desired import Desired
 from rorg.core.inputs import Inputs
 from rorg.core.memory import Memory
 from rorg.core.pressure import NONE, PATIENCE, Chances, Victim, advance, excess, helps, without
+from rorg.core.situation import Measures
 from rorg.core.wanted import wanted
+from rorg.model.catalog import Catalog
 from rorg.model.load import Load
 
 ALIVE = ("running", "restarting", "paused")
 
 
-@dataclass(frozen=True, slots=True)
-class Eviction:
-    """The measures in force, as fields of a Situation."""
-
-    lowered: frozenset[str] = frozenset()
-    hurry: bool = False
-    stop_paused: bool = False
-    shed: frozenset[str] = frozenset()
-    closed: str = ""
-
-
-def evict(
-    memory: Memory,
-    inputs: Inputs,
-    admission: Admission,
-    free: Admission,
-    back: Mapping[str, int],
-    excluded: Collection[str],
-    locked: Collection[str],
-    suspended: bool,
-) -> tuple[Memory, Eviction]:
+def evict(memory: Memory, victims: Victims, back: Mapping[str, int], suspended: bool) -> tuple[Memory, Measures]:
     """Advance the pressure state by one sample and return what follows from it.
 
-    - `free`: the admission as if nothing were shed;
     - `back`: the priority that each shed service would have if it came back, -1 if nothing would want it then;
-    - `excluded`: services that must not be active anyway;
-    - `locked`: services that must not be touched now;
     - `suspended`: rorg can do nothing now, so it concludes nothing either.
 
     Without thresholds in the Policy no measure is in force.
     """
-    policy, load = inputs.desired.catalog.policy, inputs.load
+    policy, load = victims.catalog.policy, victims.load
     if policy.pressure is None:
-        return replace(memory, pressure=NONE) if memory.pressure.engaged else memory, Eviction()
-    lower = _below_the_top(inputs.desired, admission)
+        return replace(memory, pressure=NONE) if memory.pressure.engaged else memory, Measures()
+    lower = _below_the_top(victims.catalog, victims.admission)
     before = state = memory.pressure
     if not suspended:
-        over = excess(policy.pressure, policy.budget, load) if load else {}
-        victims = Victims(inputs, admission, free, excluded, locked, over)
         states = victims.states
         # Forget shed services that nothing wants any more, and those that have become protected since.
         state = without(state, [s.service for s in state.shed if not 0 <= back.get(s.service, -1) < PROTECTED])
-        state = advance(
-            state,
-            policy.pressure,
-            policy.budget,
-            load,
-            Chances(
-                _useful(victims, lower),
-                victims.next_one,
-                any(states.get(s.service) in ALIVE for s in state.shed),
-                load is not None and _beginning(memory, states, load),
-                victims.below,
-            ),
+        chances = Chances(
+            _useful(victims, lower),
+            victims.next_one,
+            any(states.get(s.service) in ALIVE for s in state.shed),
+            load is not None and _beginning(memory, states, load),
+            victims.below,
         )
+        state = advance(state, policy.pressure, policy.budget, load, chances)
     if state != before:
         memory = replace(memory, pressure=state)
     in_force = state.in_force
-    closed = f"the machine is under pressure: {state.reason}" if in_force("close-admission") else ""
-    return memory, Eviction(
+    return memory, Measures(
         lower if in_force("lower-shares") else frozenset(),
         in_force("end-lingering"),
         in_force("stop-paused"),
         frozenset(s.service for s in state.shed),
-        closed,
+        f"the machine is under pressure: {state.reason}" if in_force("close-admission") else "",
     )
 
 
@@ -113,10 +84,10 @@ def _useful(victims: Victims, lower: Collection[str]) -> frozenset[str]:
     return frozenset(name for name, is_useful in useful.items() if is_useful)
 
 
-def _below_the_top(desired: Desired, admission: Admission) -> frozenset[str]:
+def _below_the_top(catalog: Catalog, admission: Admission) -> frozenset[str]:
     """Return wanted services that matter less than the most important one. Services with an interlock are left out:
     asking the hardware for permission is too much for a change of CPU shares."""
-    services = desired.catalog.services
+    services = catalog.services
     priorities = {n: r for n, r in admission.priorities.items() if not services[n].meta}
     top = max(priorities.values(), default=0)
     return frozenset(n for n, r in priorities.items() if r < min(top, PROTECTED) and not services[n].interlock)
@@ -124,21 +95,27 @@ def _below_the_top(desired: Desired, admission: Admission) -> frozenset[str]:
 
 class Victims:
     """Services that may be shed. They run, may be touched, are not protected, and no other service needs them or was
-    requested by them; and shedding them takes no protected service along."""
+    requested by them; and shedding them takes no protected service along.
+
+    - `free`: the admission as if nothing were shed;
+    - `excluded`: services that must not be active anyway;
+    - `locked`: services that must not be touched now.
+    """
 
     def __init__(
-        self,
-        inputs: Inputs,
-        admission: Admission,
-        free: Admission,
-        excluded: Collection[str],
-        locked: Collection[str],
-        over: Mapping[str, float],
+        self, inputs: Inputs, admission: Admission, free: Admission, excluded: Collection[str], locked: Collection[str]
     ) -> None:
         self.catalog, self.admission, self.free = inputs.desired.catalog, admission, free
-        self.excluded, self.locked, self.over = excluded, locked, over
-        self.states = {name: containers[0].state for name, containers in inputs.observed.by_service().items()}
+        self.excluded, self.locked, self.load = excluded, locked, inputs.load
+        self.containers = inputs.observed.by_service()
+        limits, budget = self.catalog.policy.pressure, self.catalog.policy.budget
+        self.over = excess(limits, budget, inputs.load) if limits and inputs.load else {}
         self.measured = inputs.load.use if inputs.load else {}
+
+    @cached_property
+    def states(self) -> Mapping[str, str]:
+        """Service -> state of its current container."""
+        return {name: containers[0].state for name, containers in self.containers.items()}
 
     def use(self, name: str) -> tuple[float, int]:
         """Return the measured (cores, bytes) of a service, or what it declares if it was not measured."""

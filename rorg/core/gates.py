@@ -68,8 +68,8 @@ def _gate(view: View, service: Service, step: Step) -> Passage:
     limits = view.desired.catalog.policy.pressure
     # Only for wanted services: a change must not keep a shed service from being stopped.
     admitted = name not in view.s.wanted or limits is None or view.s.priorities.get(name, 0) >= limits.admit
-    if view.s.closed and begins and not admitted:
-        return (), Waiting(name, view.s.closed)
+    if view.s.measures.closed and begins and not admitted:
+        return (), Waiting(name, view.s.measures.closed)
     if isinstance(operation, Create) and service.joins:
         return _join(view, service)
     if operation.begins or (swap and name in view.s.wanted):

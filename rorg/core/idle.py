@@ -133,7 +133,7 @@ def cease(view: View, service: Service, container: Container) -> Ceasing:
     """Return what to do now with the container of an unwanted service."""
     situation, idle = view.s, service.idle
     why, since = situation.preempted.get(service.name, "not wanted"), situation.memory.of(service.name).ceased_since
-    frees = service.name in situation.shed or (container.alive and view.exclusive.contested(service))
+    frees = service.name in situation.measures.shed or (container.alive and view.exclusive.contested(service))
     if container.active and idle.action == "pause" and not frees:
         return [_pause(view, service, container, why)], None
     if container.alive and (idle.action == "stop" or frees):
@@ -160,7 +160,7 @@ def _pause(view: View, service: Service, container: Container, why: str) -> Step
 
 def _why_stop_paused(view: View, service: Service) -> str:
     """Return why a paused service must be stopped; "" if it stays paused."""
-    if view.s.stop_paused:
+    if view.s.measures.stop_paused:
         return "the machine is short of memory"
     use = in_use(view.s, service) if service.idle.connected == "stop" else None
     # Unknown connections may be the same as when it was paused: leave it paused.

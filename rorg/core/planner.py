@@ -78,7 +78,7 @@ class Planner:
         def earlier(other: str) -> ServicePlan:
             return self.plans[other] if self.places.get(other, place) < place else NOTHING
 
-        view = View(self.s, self.exclusive, earlier, self.s.hurry or name in self.no_linger)
+        view = View(self.s, self.exclusive, earlier, self.s.measures.hurry or name in self.no_linger)
         self.plans[name] = made = self._plan(name, view)
         return made
 

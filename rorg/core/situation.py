@@ -28,33 +28,10 @@ class MissingImage:
     """Whether waiting does not help."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Situation:
-    """Everything that a plan depends on. `now` is the loop's monotonic clock in seconds; `restarts` maps services to
-    the run that a requested restart must end."""
+@dataclass(frozen=True, slots=True)
+class Measures:
+    """The measures against pressure that are in force."""
 
-    desired: Desired
-    wanted: Wanted
-    urgent: frozenset[str]
-    observed: Observed
-    memory: Memory
-    now: float
-    owner: str
-    engine: Capabilities = Capabilities()
-    restarts: Mapping[str, str] = field(default_factory=dict)
-    removals: bool = True
-    """False while manifests do not load or declare no service: then nothing undeclared is removed, because an empty
-    tree is more likely a mistake than an order."""
-    confirmed: frozenset[str] = frozenset()
-    """Services that are removed nevertheless, because a person confirmed it."""
-    preempted: Mapping[str, str] = field(default_factory=dict)
-    """Services that would be wanted if nothing stood against them -> the reason."""
-    excluded: Collection[str] = frozenset()
-    """Services that must not be active now, regardless of who requests them."""
-    priorities: Mapping[str, int] = field(default_factory=dict)
-    """Effective priority of every wanted service (see admission.py)."""
-    interlocks: Mapping[str, str] = field(default_factory=dict)
-    """Service -> why its interlock refuses; "" if it may be touched now."""
     lowered: frozenset[str] = frozenset()
     """Services that leave the CPU to others."""
     hurry: bool = False
@@ -65,18 +42,54 @@ class Situation:
     """Services that must free what they use, so pausing is not enough."""
     closed: str = ""
     """Why nothing with a priority below `admit` is started now; "" if everything may be."""
-    suspended: str = ""
-    """Why rorg does nothing at all now."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Surroundings:
+    """What a pass reads and its plan depends on. `now` is the loop's monotonic clock in seconds."""
+
+    desired: Desired
+    observed: Observed
+    memory: Memory
+    now: float
+    owner: str
+    engine: Capabilities = Capabilities()
+    removals: bool = True
+    """False while manifests do not load or declare no service: then nothing undeclared is removed, because an empty
+    tree is more likely a mistake than an order."""
     images: Mapping[str, MissingImage] = field(default_factory=dict)
     """Image reference -> why no container can be made from it now."""
     devices: Mapping[Device, Plugged] = field(default_factory=dict)
-    """State of drivers' devices, as far as known."""
-    unplugged: Mapping[str, str] = field(default_factory=dict)
-    """Services that lack a device now, each with the reason."""
+    """State of drivers' devices, as far as known. A device that is not listed holds nothing back."""
     ros: Graphs = field(default_factory=dict)
-    """Graphs of ROS 1 masters."""
+    """Graphs of the ROS 1 masters that answer."""
     purge: bool = False
     """Volumes are removed with all their data: the robot is taken down and a person ordered it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Situation(Surroundings):
+    """Everything that a plan depends on."""
+
+    wanted: Wanted
+    urgent: frozenset[str]
+    restarts: Mapping[str, str] = field(default_factory=dict)
+    """Service -> the run that a requested restart must end."""
+    confirmed: frozenset[str] = frozenset()
+    """Services that are removed even without `removals`, because a person confirmed it."""
+    preempted: Mapping[str, str] = field(default_factory=dict)
+    """Services that would be wanted if nothing stood against them -> the reason."""
+    excluded: Collection[str] = frozenset()
+    """Services that must not be active now, regardless of who requests them."""
+    priorities: Mapping[str, int] = field(default_factory=dict)
+    """Effective priority of every wanted service (see admission.py)."""
+    interlocks: Mapping[str, str] = field(default_factory=dict)
+    """Service -> why its interlock refuses; "" if it may be touched now."""
+    measures: Measures = Measures()
+    suspended: str = ""
+    """Why rorg does nothing at all now."""
+    unplugged: Mapping[str, str] = field(default_factory=dict)
+    """Services that lack a device now, each with the reason."""
     prewarmed: frozenset[str] = frozenset()
     """Services that are wanted only because a request is likely, and those they need."""
     withheld: Mapping[str, str] = field(default_factory=dict)

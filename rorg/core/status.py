@@ -197,7 +197,7 @@ def _status(
         progress.crashes,
         situation.priorities.get(name, service.priority),
         held,
-        name in situation.lowered,
+        name in situation.measures.lowered,
         ros_nodes(service),
         driver=service.driver,
         labels=service.labels,
