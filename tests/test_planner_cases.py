@@ -20,14 +20,13 @@ from rorg.core.decide import decide
 from rorg.core.desired import desire
 from rorg.core.digest import canonical, declared_fields, digest
 from rorg.core.inputs import Inputs
-from rorg.core.memory import Attempt, InFlight, Memory, ProbeResult, Progress
+from rorg.core.memory import Attempt, CountedOn, InFlight, Memory, ProbeResult, Progress
 from rorg.core.objects import found_object, object_labels
 from rorg.core.observed import Container, FoundObjects, Observed
 from rorg.core.operations import Create, Operation, Pause, Resume, Start, Stop
 from rorg.core.overview import Overview
 from rorg.core.plan import Action
 from rorg.core.pressure import Pressure, Shed
-from rorg.core.propagation import CountedOn
 from rorg.core.ros_graph import RosGraph
 from rorg.core.situation import MissingImage
 from rorg.core.update import Update

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-from rorg.core.content import changed
 from rorg.core.deferred import content_to_restart_for, deferred
 from rorg.core.diff import Difference
 from rorg.core.joining import tried
@@ -46,7 +45,7 @@ def adjust(view: View, service: Service, container: Container, diff: Difference)
         container.state == "running"
         and service.name in view.s.wanted
         and service.on_change not in ("restart", "none")
-        and (paths := changed(view.s.memory.of(service.name).update, container, contents))
+        and (paths := view.s.memory.of(service.name).update.changed_content(container, contents))
     ):
         run = container.incarnation
         reload = Signal(container=container.id, signal=service.on_change, content=dict(contents), incarnation=run)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-from rorg.core.content import changed
 from rorg.core.observed import Container
 from rorg.core.plan import Waiting
 from rorg.core.situation import View
@@ -40,4 +39,4 @@ def content_to_restart_for(view: View, service: Service, container: Container) -
     if service.on_change != "restart" or not container.alive or service.name not in view.s.wanted:
         return ()
     now = view.desired.contents.get(service.name, {})
-    return changed(view.s.memory.of(service.name).update, container, now)
+    return view.s.memory.of(service.name).update.changed_content(container, now)

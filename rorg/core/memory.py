@@ -13,7 +13,6 @@ from rorg.core.plan import Action
 from rorg.core.prediction import PredictionState
 from rorg.core.pressure import NONE as CALM
 from rorg.core.pressure import Pressure
-from rorg.core.propagation import CountedOn
 from rorg.core.update import Update
 from rorg.model.catalog import Probe, Request, Service
 from rorg.model.former import Kept
@@ -83,6 +82,23 @@ class Attempt:
 
 NO_ANSWER = "it does not answer any more"
 """Why a run hangs, if what its probe said was forgotten: a changed manifest begins with a clean slate."""
+
+
+@dataclass(frozen=True, slots=True)
+class CountedOn:
+    """The runs of needs on which one run of a service relies, for needs declared with `restart: true`. It tells a need
+    that was restarted from one that was only added to the manifest. A ROS node is lost to the graph when roscore
+    restarts, so it must restart too."""
+
+    run: str = ""
+    """The service's own incarnation."""
+    needs: Mapping[str, str] = field(default_factory=dict)
+    """Need -> incarnation; "" if it was already restarted when this was noticed."""
+
+    def lost(self, need: str, container: Container, now: Container) -> bool:
+        """Return whether the run of `container` relied on a run of the need that is over."""
+        counted_on = self.needs.get(need, now.incarnation)
+        return not now.brief and self.run == container.incarnation and counted_on != now.incarnation
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,14 +11,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from rorg.core.content import changed
 from rorg.core.desired import Desired
 from rorg.core.diff import difference
 from rorg.core.memory import NO_ANSWER, Memory, ProbeResult, Progress
 from rorg.core.observed import Container
 from rorg.core.operations import Start
 from rorg.core.plan import Action
-from rorg.core.seen import Seen
+from rorg.core.transitions import Evidence
 from rorg.core.update import Update
 from rorg.model.catalog import Service
 from rorg.model.units import format_seconds
@@ -84,24 +83,24 @@ class _Verdict:
 _OPEN = _Verdict()
 
 
-def judged(progress: Progress, service: Service, desired: Desired, seen: Seen) -> Progress:
+def judged(progress: Progress, service: Service, desired: Desired, evidence: Evidence) -> Progress:
     """Note the end of a trial, and an edition that has stayed well. Only for a wanted service on which no call is under
     way."""
-    containers = seen.containers.get(service.name, ())
-    if not containers or not seen.wanted or seen.busy or seen.unplugged or progress.update.drawn:
+    containers = evidence.observed.of(service.name)
+    if not containers or not evidence.wanted or evidence.busy or evidence.unplugged or progress.update.drawn:
         return _awaiting(progress, None)
     pair = candidate(containers, progress.update) if len(containers) > 1 else None
     if pair is None:
-        return _judged_alone(progress, service, containers[0], desired, seen)
+        return _judged_alone(progress, service, containers[0], desired, evidence)
     new, old = pair
     verdict = _OPEN
     if old.alive and not new.alive and old.started_at > new.created_at:
         # An earlier run of rorg went back already and ended before it could note that.
         verdict = _Verdict(error=new.error or f"ended with exit code {new.exit_code}")
     elif containers[0].id == new.id:
-        verdict = _verdict(progress, service, new, seen)
+        verdict = _verdict(progress, service, new, evidence)
         up = came_up_at(progress, service)
-        if verdict == _OPEN and up is not None and up <= seen.now and not _is_asked(service):
+        if verdict == _OPEN and up is not None and up <= evidence.now and not _is_asked(service):
             verdict = _Verdict(since=up)  # others may rely on it from then on
     progress = _awaiting(progress, verdict.since)
     if verdict.passed:
@@ -112,13 +111,15 @@ def judged(progress: Progress, service: Service, desired: Desired, seen: Seen) -
     return failed(progress, verdict.error) if verdict.error and fits(new, service.name, desired) else progress
 
 
-def _judged_alone(progress: Progress, service: Service, current: Container, desired: Desired, seen: Seen) -> Progress:
+def _judged_alone(
+    progress: Progress, service: Service, current: Container, desired: Desired, evidence: Evidence
+) -> Progress:
     """Judge a service without a previous container. If only its probes changed, they decide about the running
     container: if they do not answer in time, it is no longer ready."""
     update = progress.update
     if update.baked == update.edition or not fits(current, service.name, desired):
         return _awaiting(progress, None)
-    verdict = _verdict(progress, service, current, seen)
+    verdict = _verdict(progress, service, current, evidence)
     progress = _awaiting(progress, verdict.since)
     if verdict.passed:
         return _baked(progress, service, current, desired)
@@ -132,7 +133,7 @@ def _awaiting(progress: Progress, since: float | None) -> Progress:
     return progress if progress.unproven_since == since else replace(progress, unproven_since=since)
 
 
-def _verdict(progress: Progress, service: Service, current: Container, seen: Seen) -> _Verdict:
+def _verdict(progress: Progress, service: Service, current: Container, evidence: Evidence) -> _Verdict:
     """Return whether a run has stayed well for its bake, or what is wrong with it."""
     if current.state == "exited" and progress.exited == current.incarnation:
         done = current.exit_code == 0 and progress.over(service, current)
@@ -140,16 +141,16 @@ def _verdict(progress: Progress, service: Service, current: Container, seen: See
     if current.state != "running" or progress.running_since is None or progress.doubted_since is not None:
         return _OPEN
     if progress.well_since is not None:
-        return _of_a_bake(progress, service, current, seen)
+        return _of_a_bake(progress, service, current, evidence)
     if progress.hung == progress.incarnation:
         return _Verdict(error=progress.error or NO_ANSWER)
     said = f": {progress.probe}" if progress.probe else ""
     if progress.was_ready:
         return _Verdict(error=f"no longer ready{said}")
     late_at = is_late_at(progress, service)
-    if late_at is None or seen.now < late_at:
+    if late_at is None or evidence.now < late_at:
         return _OPEN
-    told = seen.looked_since(current, late_at) and _answers(progress, service, seen, late_at) is not None
+    told = evidence.looked_since(current, late_at) and _answers(progress, service, evidence, late_at) is not None
     return _Verdict(error=_not_ready(service, said)) if told else _Verdict(since=late_at)
 
 
@@ -168,25 +169,25 @@ def is_late_at(progress: Progress, service: Service) -> float | None:
     return (max(progress.running_since, progress.update.since) if since is None else since) + service.ready.timeout
 
 
-def _of_a_bake(progress: Progress, service: Service, current: Container, seen: Seen) -> _Verdict:
+def _of_a_bake(progress: Progress, service: Service, current: Container, evidence: Evidence) -> _Verdict:
     """Judge a run that is well as far as known. If its `ready` probe stops answering, it has its timeout to recover."""
     bake_end = bake_ends_at(progress, service)
-    if bake_end is None or seen.now < bake_end:
+    if bake_end is None or evidence.now < bake_end:
         return _OPEN
-    answers = _answers(progress, service, seen, bake_end)
-    if answers is None or not seen.looked_since(current, bake_end):
+    answers = _answers(progress, service, evidence, bake_end)
+    if answers is None or not evidence.looked_since(current, bake_end):
         return _Verdict(since=bake_end)
     if all(result.ok for result in answers):
         return _Verdict(passed=True)
-    late_at, result = is_late_at(progress, service), seen.ready
-    late = late_at is not None and seen.now >= late_at and result is not None and not result.ok and result.failures
+    late_at, result = is_late_at(progress, service), evidence.ready
+    late = late_at is not None and evidence.now >= late_at and result is not None and not result.ok and result.failures
     return _Verdict(error=_not_ready(service, f": {result.message}")) if late and result else _Verdict(since=bake_end)
 
 
-def _answers(progress: Progress, service: Service, seen: Seen, since: float) -> Sequence[ProbeResult] | None:
+def _answers(progress: Progress, service: Service, evidence: Evidence, since: float) -> Sequence[ProbeResult] | None:
     """Return the probe results of a run that began since; None while one is missing."""
-    asked = [seen.ready] if _is_asked(service) else []
-    asked += [seen.live] if service.live is not None and progress.was_ready else []
+    asked = [evidence.ready] if _is_asked(service) else []
+    asked += [evidence.live] if service.live is not None and progress.was_ready else []
     results = [a for a in asked if a is not None and a.incarnation == progress.incarnation and a.at >= since]
     return results if len(results) == len(asked) else None
 
@@ -200,7 +201,7 @@ def _baked(progress: Progress, service: Service, current: Container, desired: De
     update, name = progress.update, service.name
     if update.baked == update.edition or not fits(current, name, desired):
         return progress
-    if service.on_change != "none" and changed(update, current, desired.contents.get(name, {})):
+    if service.on_change != "none" and update.changed_content(current, desired.contents.get(name, {})):
         return progress  # this run has not read the present content
     return replace(progress, update=replace(update, baked=update.edition))
 

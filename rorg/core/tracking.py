@@ -13,14 +13,12 @@ from functools import partial
 
 from rorg.core.atomic import freed, judged_together, sets_of
 from rorg.core.changes import changed_keys
-from rorg.core.content import noted
 from rorg.core.desired import Desired
 from rorg.core.memory import Memory, ProbeResults, Progress
 from rorg.core.observed import Observed
 from rorg.core.rollout import judged, renewed
 from rorg.core.ros_parameters import ROLE, parameters_noted
-from rorg.core.seen import Seen
-from rorg.core.transitions import advanced
+from rorg.core.transitions import Evidence, advanced
 from rorg.core.wanted import Wanted
 from rorg.model.catalog import Service
 from rorg.model.objects import is_object
@@ -68,20 +66,20 @@ def track(
     progress = {n: p for n, p in memory.progress.items() if n not in gone or (is_object(n) and p.attempts)}
     volatile = set(kept.volatile) if kept else set[str]()
     changed = len(progress) != len(memory.progress)
-    snapshot = partial(Seen, containers=by_service, now=now, booted_at=booted_at, looked=observed.looked)
+    snapshot = partial(Evidence, observed=observed, now=now, booted_at=booted_at)
     for name in names:
         service, last = services[name], memory.of(name)
-        seen = snapshot(
+        evidence = snapshot(
             wanted=name in wanted,
             ready=results.get((name, "ready")),
             live=results.get((name, "live")),
             busy=name in memory.in_flight,
             unplugged=name in unplugged,
         )
-        progress_now = _reviewed(parameters_noted(last, results.get((name, ROLE))), service, desired, seen)
+        progress_now = _reviewed(parameters_noted(last, results.get((name, ROLE))), service, desired, evidence)
         if not (unchanged := progress_now is last and name in memory.progress):
             progress[name], changed = progress_now, True
-        (volatile.discard if unchanged and not _time_dependent(progress_now, service, seen) else volatile.add)(name)
+        (volatile.discard if unchanged and not _time_dependent(progress_now, service, evidence) else volatile.add)(name)
     set_changes = judged_together(sets_of(names, desired), progress, desired, wanted, by_service)
     volatile |= set_changes.keys()
     memory = replace(memory, progress={**progress, **set_changes}) if changed or set_changes else memory
@@ -117,24 +115,27 @@ def _to_review(
     return names & desired.digests.keys()
 
 
-def _reviewed(progress: Progress, service: Service, desired: Desired, seen: Seen) -> Progress:
+def _reviewed(progress: Progress, service: Service, desired: Desired, evidence: Evidence) -> Progress:
     """Return the progress of one service after this pass."""
     name = service.name
-    progress = advanced(freed(renewed(progress, desired.editions[name], seen.now), service, desired), service, seen)
-    current = seen.current(name)
+    progress = advanced(
+        freed(renewed(progress, desired.editions[name], evidence.now), service, desired), service, evidence
+    )
+    current = evidence.observed.current(name)
     if name in desired.contents and current is not None:
-        progress = noted(progress, current, desired.contents[name])
-    return judged(progress, service, desired, seen)
+        update = progress.update.noting(current, desired.contents[name])
+        progress = progress if update == progress.update else replace(progress, update=update)
+    return judged(progress, service, desired, evidence)
 
 
-def _time_dependent(progress: Progress, service: Service, seen: Seen) -> bool:
+def _time_dependent(progress: Progress, service: Service, evidence: Evidence) -> bool:
     """Return whether progress may change with the time alone. It must cover every comparison with the clock in
     advanced() and judged()."""
     if progress.relied_on and not progress.ready:
         return True
-    if progress.exits or progress.doubted_since is not None or len(seen.containers.get(service.name, ())) > 1:
+    if progress.exits or progress.doubted_since is not None or len(evidence.observed.of(service.name)) > 1:
         return True
-    if seen.wanted and progress.running_since is not None and progress.update.baked != progress.update.edition:
+    if evidence.wanted and progress.running_since is not None and progress.update.baked != progress.update.edition:
         return True
     by_time = service.ready is not None and service.ready.delay is not None
     return by_time and progress.running_since is not None and not progress.ready

@@ -6,14 +6,12 @@ whether a service needs another look.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, TypeGuard
 
-from rorg.core.memory import DEFAULT_GRACE, STABLE, ProbeResult, Progress, delay
-from rorg.core.observed import Container
+from rorg.core.memory import DEFAULT_GRACE, STABLE, CountedOn, ProbeResult, Progress, delay
+from rorg.core.observed import Container, Observed
 from rorg.core.operations import Start
-from rorg.core.propagation import counts_on
-from rorg.core.seen import Seen
 from rorg.model.catalog import Service
 
 UNANSWERED: dict[str, Any] = {
@@ -29,23 +27,47 @@ MARGIN = 4.0
 """Seconds beyond the grace period that an engine takes to kill what ignores its stop signal."""
 
 
-def advanced(progress: Progress, service: Service, seen: Seen) -> Progress:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Evidence:
+    """What a pass observes of one service, to judge its progress by.
+
+    - `ready`, `live`: its probe results;
+    - `busy`: an engine call on it is under way;
+    - `unplugged`: a device of it is missing;
+    - `now`: the loop's clock, in seconds.
+    """
+
+    wanted: bool
+    observed: Observed
+    ready: ProbeResult | None
+    live: ProbeResult | None
+    busy: bool
+    now: float
+    booted_at: str
+    unplugged: bool = False
+
+    def looked_since(self, container: Container, moment: float) -> bool:
+        """Return whether a look at the container began after that moment."""
+        return self.observed.looked.get(container.id, -1.0) >= moment
+
+
+def advanced(progress: Progress, service: Service, evidence: Evidence) -> Progress:
     """Return the progress after what was observed of a service in this pass."""
-    current, now = seen.current(service.name), seen.now
-    progress = _fresh(_wanted(progress, seen.wanted, now), current)
+    current, now = evidence.observed.current(service.name), evidence.now
+    progress = _fresh(_wanted(progress, evidence.wanted, now), current)
     progress = _ceased(_run(progress, current, now), current, now)
-    counted_on = counts_on(progress.counted_on, service, current, seen.containers, progress.begun)
+    counted_on = _counted_on(progress, service, current, evidence)
     progress = progress if counted_on is progress.counted_on else replace(progress, counted_on=counted_on, begun=None)
-    if not seen.wanted and current is not None and current.state == "exited":
+    if not evidence.wanted and current is not None and current.state == "exited":
         progress = progress.with_stopped(current.incarnation)
-    progress = _doubt(progress, service, None if seen.busy else current, now)
-    if seen.wanted and not seen.busy:
-        progress = _ended_with_another(progress, service, seen)
-        progress = _exit(progress, current, now, seen.booted_at)
-    progress = _ready(progress, service, seen.ready, now)
-    progress = _live(progress, service, seen.live, now) if seen.wanted and not seen.busy else progress
-    progress = _relied_on(progress, service, seen.wanted, now)
-    return _patient(_well(progress, now)) if seen.unplugged else _well(progress, now)
+    progress = _doubt(progress, service, None if evidence.busy else current, now)
+    if evidence.wanted and not evidence.busy:
+        progress = _ended_with_another(progress, service, evidence)
+        progress = _exit(progress, current, now, evidence.booted_at)
+    progress = _ready(progress, service, evidence.ready, now)
+    progress = _live(progress, service, evidence.live, now) if evidence.wanted and not evidence.busy else progress
+    progress = _relied_on(progress, service, evidence.wanted, now)
+    return _patient(_well(progress, now)) if evidence.unplugged else _well(progress, now)
 
 
 def _patient(progress: Progress) -> Progress:
@@ -102,6 +124,29 @@ def _ceased(progress: Progress, current: Container | None, now: float) -> Progre
     return replace(progress, ceased_since=now) if progress.ceased_since is None else progress
 
 
+def _counted_on(progress: Progress, service: Service, current: Container | None, evidence: Evidence) -> CountedOn:
+    """Note what a run relies on, once per need.
+
+    For a run that rorg began, these are the runs at that time (`begun`). For a run that rorg finds, the engine's start
+    times decide: a service starts after its needs. A need that is added later is taken as it is.
+    """
+    known = progress.counted_on
+    if current is None or not current.alive or current.brief:
+        return known
+    first = known.run != current.incarnation
+    needs = (progress.begun or {}) if first else known.needs
+    needs = {n: run for n, run in needs.items() if n in service.restarts_with}
+    for need in service.restarts_with:
+        container = evidence.observed.current(need)
+        if need in needs or container is None or not container.started_at:
+            continue
+        if first:
+            needs[need] = container.incarnation if container.started_at <= current.started_at else ""
+        elif container.alive:
+            needs[need] = container.incarnation
+    return known if not first and needs == known.needs else CountedOn(current.incarnation, needs)
+
+
 def doubt_ends(progress: Progress, service: Service) -> float | None:
     """Return when a run that was being stopped counts as going on after all; None if none was."""
     grace = float((service.spec or {}).get("stop_grace_period", DEFAULT_GRACE))
@@ -121,14 +166,14 @@ def _doubt(progress: Progress, service: Service, current: Container | None, now:
     return replace(progress, stopped=left, doubted_since=None)
 
 
-def _ended_with_another(progress: Progress, service: Service, seen: Seen) -> Progress:
+def _ended_with_another(progress: Progress, service: Service, evidence: Evidence) -> Progress:
     """Excuse an exit caused by another container: when a shared PID namespace ends, the kernel kills every process in
     it."""
-    current = seen.current(service.name)
+    current = evidence.observed.current(service.name)
     if current is None or current.state != "exited":
         return progress
     for name in (n for n, options in service.joins.items() if "pid" in options):
-        other = seen.current(name)
+        other = evidence.observed.current(name)
         if other is None or not other.alive or progress.counted_on.lost(name, current, other):
             return progress.with_stopped(current.incarnation)
     return progress

@@ -1,9 +1,12 @@
-"""Memory of changes to a service, across its containers."""
+"""Memory of changes to a service, across its containers. It includes the content of mounted files that the current run
+has read: editing a config file must reload the service that read it, and only that one."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+
+from rorg.core.observed import Container
 
 MOST = 16
 """Failed editions that are remembered per service."""
@@ -45,3 +48,23 @@ class Update:
         """Return the update with the desired edition quarantined."""
         last = [(e, why) for e, why in self.quarantined.items() if e != self.edition][-(MOST - 1) :]
         return replace(self, quarantined={**dict(last), self.edition: error})
+
+    def noting(self, current: Container, present: Mapping[str, str]) -> Update:
+        """Note what the current run has read. A run that rorg started has read what was there at the start. For a run
+        that rorg finds at its own start, the present content is assumed, because a new rorg must restart nothing on its
+        own. `present` maps mounted paths to their digests now."""
+        if not current.alive or current.brief:
+            return self
+        if self.run != current.incarnation:
+            begun = present if self.begun is None else self.begun
+            content = {path: begun.get(path, digest) for path, digest in present.items()}
+            return replace(self, run=current.incarnation, content=content, begun=None)
+        if self.content.keys() != present.keys():
+            return replace(self, content={path: self.content.get(path, digest) for path, digest in present.items()})
+        return self
+
+    def changed_content(self, container: Container, present: Mapping[str, str]) -> tuple[str, ...]:
+        """Return mounted paths whose content differs from what this run has read."""
+        if self.run != container.incarnation:
+            return ()
+        return tuple(sorted(p for p, digest in present.items() if self.content.get(p, digest) != digest))

@@ -9,12 +9,11 @@ from typing import Any
 
 from rorg.core.changes import changed_keys
 from rorg.core.decide import Decision
-from rorg.core.memory import MOST_STOPPED, Attempt, Memory, Progress
+from rorg.core.memory import MOST_STOPPED, Attempt, CountedOn, Memory, Progress
 from rorg.core.objects import object_views
 from rorg.core.observed import Observed
 from rorg.core.plan import Action, Plan
 from rorg.core.pressure import MEASURES
-from rorg.core.propagation import CountedOn
 from rorg.core.status import statuses
 from rorg.core.update import Update
 from rorg.daemon.tree import Tree
