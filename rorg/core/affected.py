@@ -9,7 +9,8 @@ from dataclasses import dataclass, field
 from rorg.core.admission import admit
 from rorg.core.memory import Memory
 from rorg.core.situation import Situation
-from rorg.model.catalog import Catalog, Service
+from rorg.core.wanted import Wanted
+from rorg.model.catalog import Request, Service
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,22 +48,16 @@ def by_restart(situation: Situation, memory: Memory, names: Collection[str]) -> 
     services = situation.desired.catalog.services
     restarted = _dependants({n: s.restarts_with for n, s in services.items()}, names)
     requests = () if memory.admitted is None else memory.admitted.requests
-    left = tuple(r for r in requests if r.requester not in restarted or r.standing or r.incarnation is None)
-    excluded = {} if memory.admitted is None else memory.admitted.excluded
-    return _affected(
-        situation, names, restarted, _drivers(situation, admit(situation.desired.catalog, left, excluded).wanted)
-    )
+    left = [r for r in requests if r.requester not in restarted or r.standing or r.incarnation is None]
+    return _affected(situation, names, restarted, _still_wanted(situation, memory, left))
 
 
 def by_hold(situation: Situation, memory: Memory, names: Collection[str]) -> Affected:
     """Return what a hold of these services affects: services that need them, transitively, and drivers that only those
     request."""
-    catalog: Catalog = situation.desired.catalog
-    ceased = _dependants({n: s.needs for n, s in catalog.services.items()}, names)
+    ceased = _dependants({n: s.needs for n, s in situation.desired.catalog.services.items()}, names)
     requests = () if memory.admitted is None else memory.admitted.requests
-    excluded = {} if memory.admitted is None else memory.admitted.excluded
-    admission = admit(catalog, requests, {**excluded, **dict.fromkeys(names, "held")})
-    return _affected(situation, names, ceased, _drivers(situation, admission.wanted))
+    return _affected(situation, names, ceased, _still_wanted(situation, memory, requests, names))
 
 
 def by_release(situation: Situation, memory: Memory, key: tuple[str, str]) -> Affected:
@@ -76,7 +71,7 @@ def by_release(situation: Situation, memory: Memory, key: tuple[str, str]) -> Af
     asked = next((r for r in admitted.requests if r.key == key and not r.standing), None) if admitted else None
     if admitted is None or asked is None:
         return Affected()
-    still_wanted = admit(catalog, tuple(r for r in admitted.requests if r is not asked), admitted.excluded).wanted
+    still_wanted = _still_wanted(situation, memory, [r for r in admitted.requests if r is not asked])
     named = {m for name in asked.services for m in catalog.members(name)}
     stopping = {n for n in _drivers(situation, still_wanted) & named if _touched(situation, catalog.services[n])}
     requester = catalog.services.get(asked.requester)
@@ -99,22 +94,28 @@ def _dependants(counts_on: Mapping[str, Collection[str]], names: Collection[str]
     return affected
 
 
+def _still_wanted(
+    situation: Situation, memory: Memory, requests: Collection[Request], held: Collection[str] = ()
+) -> Wanted:
+    """Return what would be wanted if only these requests were left, and these services were held too."""
+    excluded = {} if memory.admitted is None else memory.admitted.excluded
+    return admit(situation.desired.catalog, requests, {**excluded, **dict.fromkeys(held, "held")}).wanted
+
+
 def _drivers(situation: Situation, left: Collection[str]) -> set[str]:
     """Return drivers that are wanted now and would not be any more."""
     services = situation.desired.catalog.services
     return {n for n in situation.wanted if n not in left and n in services and services[n].driver}
 
 
-def _affected(
-    situation: Situation, names: Collection[str], stopped: Collection[str], unwanted: Collection[str]
-) -> Affected:
+def _affected(situation: Situation, names: Collection[str], stopped: Collection[str], still_wanted: Wanted) -> Affected:
     services = situation.desired.catalog.services
     drivers = tuple(n for n in names if services[n].driver and _touched(situation, services[n]))
-    along = sorted({*stopped, *unwanted} - set(names))
+    along = sorted({*stopped, *_drivers(situation, still_wanted)} - set(names))
     return Affected(drivers, {n: services[n].driver for n in along if _touched(situation, services[n])})
 
 
 def _touched(situation: Situation, service: Service) -> bool:
     """Return whether a service runs or is about to."""
-    containers = situation.observed.by_service().get(service.name, ())
-    return not service.meta and (service.name in situation.wanted or any(c.active for c in containers))
+    active = any(c.active for c in situation.observed.of(service.name))
+    return not service.meta and (service.name in situation.wanted or active)

@@ -4,7 +4,7 @@ conditions can hold at the same time."""
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
 from rorg.core.conditions import CAUTIONS, Condition, occasional, requested, stalled
@@ -84,31 +84,9 @@ class Status:
         return self.condition("Reconciling").message or ready.message
 
     def as_json(self) -> dict[str, Any]:
-        return {
-            "service": self.service,
-            "state": self.state,
-            "sync": self.sync,
-            "health": self.health,
-            "wanted": self.wanted,
-            "why": self.why,
-            "message": self.trouble,
-            "container": self.container,
-            "incarnation": self.incarnation,
-            "started_at": self.started_at,
-            "exits": self.exits,
-            "pid": self.pid,
-            "crashes": self.crashes,
-            "effective_priority": self.effective_priority,
-            "held": self.held,
-            "lowered": self.lowered,
-            "ros_nodes": list(self.ros_nodes),
-            "withheld": self.withheld,
-            "driver": self.driver,
-            "labels": dict(self.labels),
-            "conditions": [
-                {"type": c.type, "status": c.status, "reason": c.reason, "message": c.message} for c in self.conditions
-            ],
-        }
+        plain = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "chain"}
+        conditions = [asdict(condition) for condition in self.conditions]
+        return {**plain, "message": self.trouble, "ros_nodes": list(self.ros_nodes), "conditions": conditions}
 
 
 def statuses(

@@ -80,7 +80,7 @@ def track(
         if not (unchanged := progress_now is last and name in memory.progress):
             progress[name], changed = progress_now, True
         (volatile.discard if unchanged and not _time_dependent(progress_now, service, evidence) else volatile.add)(name)
-    set_changes = judged_together(sets_of(names, desired), progress, desired, wanted, by_service)
+    set_changes = judged_together(sets_of(names, desired), progress, desired, wanted, observed)
     volatile |= set_changes.keys()
     memory = replace(memory, progress={**progress, **set_changes}) if changed or set_changes else memory
     tracked = Tracked(
