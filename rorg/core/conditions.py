@@ -49,7 +49,7 @@ def occasional(situation: Situation, service: Service) -> tuple[Condition, ...]:
 def _updated(situation: Situation, name: str) -> tuple[Condition, ...]:
     """Return the state of the last change while it is on trial or after it failed."""
     progress = situation.memory.of(name)
-    containers = situation.observed.by_service().get(name, [])
+    containers = situation.observed.of(name)
     if progress.update.failed:
         remedy = f"change it again, or `rorg retry {name}`"
         return (Condition("Updated", "False", "Quarantined", f"{progress.update.failed}; {remedy}"),)

@@ -14,7 +14,7 @@ from __future__ import annotations
 import heapq
 from bisect import bisect_left, insort
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from itertools import chain
 from operator import attrgetter
 
@@ -75,24 +75,24 @@ class Planned:
 def plan_all(situation: Situation) -> Planned:
     """Plan all services, using nothing from an earlier plan."""
     names = tuple(in_order(situation))
-    places = {name: place for place, name in enumerate(names)}
-    planner = Planner(situation, places, None)
-    for name in names:
-        if situation.observed.complete:
-            planner.plan(name)
-        else:
-            planner.plans[name] = NOTHING
-    queue = sorted(entry for name in names if (entry := _queue_entry(planner.plans[name], places[name])))
-    return Planned(
+    planner = Planner(situation, {name: place for place, name in enumerate(names)}, None)
+    nothing = Planned(
         situation=situation,
-        places=places,
+        places=planner.places,
         names=names,
-        plans=planner.plans,
+        plans=dict.fromkeys(names, NOTHING),
         no_linger=frozenset(planner.no_linger),
-        volatile=frozenset(n for n, p in planner.plans.items() if p.volatile),
-        queue=queue,
+        volatile=frozenset(),
+        queue=(),
         replanned=names,
     )
+    if not situation.observed.complete:
+        return nothing
+    for name in names:
+        planner.plan(name)
+    queue = sorted(entry for name in names if (entry := _queue_entry(planner.plans[name], planner.places[name])))
+    volatile = frozenset(n for n, p in planner.plans.items() if p.volatile)
+    return replace(nothing, plans=planner.plans, volatile=volatile, queue=queue)
 
 
 def update_plan(kept: Planned | None, situation: Situation, touched: Collection[str]) -> Planned:
@@ -180,10 +180,9 @@ def _with_replanned(kept: Planned, planner: Planner, replanned: tuple[str, ...],
             del queue[bisect_left(queue, old_entry[:4])]
         if new_entry:
             insort(queue, new_entry)
-    return Planned(
+    return replace(
+        kept,
         situation=planner.s,
-        places=kept.places,
-        names=kept.names,
         plans=planner.plans,
         no_linger=no_linger,
         volatile=frozenset(volatile),

@@ -222,10 +222,8 @@ def _own_secrets(catalog: Catalog) -> dict[str, set[str]]:
 
 def secrets(catalog: Catalog) -> set[str]:
     """Return all secret values, without those too short to be distinguished from ordinary text."""
-    values = {v for s in catalog.services.values() for v in secrets_of(s.spec or {}, s.secrets)}
-    values |= {i.args[name] for i in catalog.images.values() for name in i.secrets}
-    values |= {v for s in catalog.services.values() if s.ros for v in secret_texts("", s.ros.values)}
-    return {value for value in values if len(value) >= SHORTEST_SECRET}
+    of_images = {image.args[name] for image in catalog.images.values() for name in image.secrets}
+    return {value for value in of_images.union(*_own_secrets(catalog).values()) if len(value) >= SHORTEST_SECRET}
 
 
 def secrets_of(spec: Spec, names: Iterable[str]) -> list[str]:

@@ -114,7 +114,7 @@ class Overview:
         service = desired.catalog.services.get(name)
         if service is None or service.spec is None:
             return None
-        containers = self.situation.observed.by_service().get(name, ())
+        containers = self.situation.observed.of(name)
         differing = [
             (c, difference(c, service.spec, desired.digests[name], desired.declared[name])) for c in containers
         ]

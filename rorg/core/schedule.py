@@ -186,7 +186,7 @@ def _left(situation: Situation, name: str) -> Probe | None:
     """Return the interlock on the label of an undeclared service's container."""
     if name in situation.desired.digests:
         return None
-    locks = (rules_of(c.rules).interlock for c in situation.observed.by_service().get(name, ()) if c.rules)
+    locks = (rules_of(c.rules).interlock for c in situation.observed.of(name) if c.rules)
     return next(filter(None, locks), None)
 
 

@@ -130,7 +130,7 @@ class StateChange:
 
 def state_of(decision: Decision, name: str) -> str:
     """Return the state of a service's current container."""
-    containers = decision.situation.observed.by_service().get(name)
+    containers = decision.situation.observed.of(name)
     if not containers:
         return NONE
     return READY if containers[0].active and decision.memory.of(name).ready else containers[0].state

@@ -263,7 +263,7 @@ class Player:
         decision = self.loop.decision
         if decision is None:
             return False
-        memory, found = decision.memory, decision.situation.observed.by_service().get(service, ())
+        memory, found = decision.memory, decision.situation.observed.of(service)
         if any(c.state == "exited" and memory.of(service).over(self.catalog.services[service], c) for c in found):
             return True
         running = any(c.state == "running" for c in found)
