@@ -10,10 +10,9 @@ from rorg.cli.options import FILES, Argument, Directory, EngineName, Option, Out
 if TYPE_CHECKING:
     from rorg.model.catalog import Catalog
     from rorg.model.trace import Trace
-    from rorg.sim.emulate import Experiment
+    from rorg.sim.emulate import Experiment, Share
     from rorg.sim.emulation import Compared, Emulation
     from rorg.sim.player import EmulatedRun
-    from rorg.sim.standins import Share
 
 COLUMNS = (
     "run",
@@ -91,8 +90,7 @@ def _experiment(
     from rorg.errors import Invalid
     from rorg.manifest.load import load_or_raise
     from rorg.manifest.traces import read_trace
-    from rorg.sim.emulate import Experiment
-    from rorg.sim.standins import PROGRAM
+    from rorg.sim.emulate import PROGRAM, Experiment
 
     context = Context(None, engine, directory, local=True, own=True)
     catalog = context.catalog()
@@ -114,8 +112,8 @@ def _experiment(
 
 def _share(catalog: Catalog, trace: Trace, scale: float | None) -> Share:
     from rorg.host.load import machine
+    from rorg.sim.emulate import Share, share_of
     from rorg.sim.simulate import all_on_services
-    from rorg.sim.standins import Share, share_of
 
     if scale is not None:
         return Share(scale, scale)

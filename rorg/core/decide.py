@@ -9,11 +9,10 @@ from operator import itemgetter
 from rorg.core.assessment import assess
 from rorg.core.check import check
 from rorg.core.desired import Desired
-from rorg.core.dispatch import freed_at, select
+from rorg.core.dispatch import begin, forget, freed_at, select
 from rorg.core.incremental import busy, update_plan
 from rorg.core.inputs import Cache, Inputs
 from rorg.core.memory import Memory, ProbeResult, ProbeResults
-from rorg.core.outcomes import begin, forget
 from rorg.core.plan import Action, Plan
 from rorg.core.prediction import with_begun
 from rorg.core.requests import Settled

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from rorg.core.adjust import adjust, cannot_go_on, passing_name
 from rorg.core.deferred import content_to_restart_for, deferred
 from rorg.core.devices import NODES, given, nodes_of, replugged
 from rorg.core.diff import Difference, difference
@@ -16,7 +15,7 @@ from rorg.core.observed import Container
 from rorg.core.operations import Create, Remove, Rename, Resume, Start
 from rorg.core.plan import Part, Waiting
 from rorg.core.situation import View
-from rorg.core.steps import Chain, Step, away, restarting, stop, stops
+from rorg.core.steps import Chain, Step, adjust, away, cannot_go_on, passing_name, restarting, stop, stops
 from rorg.core.swap import Swap
 from rorg.model.catalog import Service, Spec
 from rorg.model.codes import DEVICE

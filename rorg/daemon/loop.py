@@ -9,10 +9,9 @@ from dataclasses import replace
 
 from rorg.core.decide import Decision, decide
 from rorg.core.desired import Desired, teardown
-from rorg.core.dispatch import DispatchLimits
+from rorg.core.dispatch import DispatchLimits, finish
 from rorg.core.inputs import Inputs
 from rorg.core.memory import Memory
-from rorg.core.outcomes import finish
 from rorg.daemon.learner import Learner
 from rorg.daemon.parts import Collaborators
 from rorg.daemon.reporter import Reporter

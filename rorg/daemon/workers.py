@@ -8,8 +8,8 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import nullcontext, suppress
 
+from rorg.core.dispatch import Outcome
 from rorg.core.operations import ObjectOperation, Pause, Remove
-from rorg.core.outcomes import Outcome
 from rorg.core.plan import Action
 from rorg.daemon.recorder import Recorder
 from rorg.daemon.running import Running

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from rorg.core.dispatch import Outcome
 from rorg.core.operations import (
     Create,
     CreateObject,
@@ -16,7 +17,6 @@ from rorg.core.operations import (
     Stop,
     Update,
 )
-from rorg.core.outcomes import Outcome
 from rorg.core.plan import Action
 from rorg.engines.protocol import Lifecycle, Objects
 from rorg.errors import EngineError, RorgError

@@ -12,11 +12,11 @@ from typing import Any
 from rorg.model.catalog import Catalog
 from rorg.model.trace import Trace
 from rorg.model.workload import Behaviour, Distribution, Workload
+from rorg.sim.emulate import Share
 from rorg.sim.player import EmulatedRun
 from rorg.sim.report import reduction
 from rorg.sim.results import RunResult
 from rorg.sim.simulate import simulate
-from rorg.sim.standins import Share
 
 EVERY = 0.05
 """Seconds between two samples of a simulation."""

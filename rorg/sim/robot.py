@@ -10,12 +10,11 @@ from functools import partial
 
 from rorg.core.decide import Decision, decide
 from rorg.core.desired import Desired, desire
-from rorg.core.dispatch import DispatchLimits
+from rorg.core.dispatch import DispatchLimits, Outcome, finish
 from rorg.core.inputs import Cache, Inputs
 from rorg.core.memory import Memory, ProbeResult
 from rorg.core.observed import Container, FoundObjects, Observed
 from rorg.core.operations import Start
-from rorg.core.outcomes import Outcome, finish
 from rorg.core.plan import Action
 from rorg.core.ros_graph import Graphs
 from rorg.core.ros_parameters import ROLE
