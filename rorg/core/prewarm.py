@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from rorg.core.admission import Admission, over_budget
 from rorg.core.inputs import Inputs
 from rorg.core.memory import Memory
-from rorg.core.observed import Container
 from rorg.core.prediction import (
     LOOK,
     RESUME,
@@ -130,12 +129,9 @@ class _Room:
     ) -> None:
         self.memory, self.learning, self.admission, self.desired = memory, learning, admission, inputs.desired
         self.services, self.now = inputs.desired.catalog.services, inputs.now
-        self.containers = inputs.observed.by_service()
+        self.containers, self.current = inputs.observed.by_service(), inputs.observed.current
         self._leads = dict[str, float]()
         self.barred = {*barred, *admission.preempted}
-
-    def current(self, name: str) -> Container | None:
-        return next(iter(self.containers.get(name, ())), None)
 
     def lead(self, name: str) -> float:
         """Return the seconds until a service would be ready, including what it needs."""

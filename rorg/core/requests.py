@@ -96,56 +96,51 @@ def settle(
     A lease begins when the loop first sees it or its renewal. So a restart of rorg gives every lease its full time
     again, and renewals (numbered in `renewals`) need not be written to disk.
     """
-    settled = _by_incarnation(catalog, requests, observed)
-    by_service = observed.by_service()
-    held: dict[tuple[str, str], Lease] = {}
-    kept, expired = [], []
-    for request in settled.requests:
-        if request.ttl is None or request.standing:
-            kept.append(request)
-            continue
-        stamp = f"{request.renewed}/{(renewals or {}).get(request.key, 0)}/{request.ttl}/{request.incarnation}"
-        lease = (leases or {}).get(request.key)
-        asleep = any(c.state == "paused" for c in by_service.get(request.requester, [])[:1])
-        if lease is None or lease.stamp != stamp or asleep or not observed.complete:
-            lease = Lease(stamp, now + request.ttl)
-        # Remember an expired lease too: if the drop cannot be written to disk, the request must stay expired.
-        held[request.key] = lease
-        if lease.until <= now:
-            expired.append((request, f"its lease of {format_seconds(request.ttl)} ran out"))
-        else:
-            kept.append(request)
-    return Settled(tuple(kept), (*settled.dropped, *expired), settled.bound, held)
-
-
-def _by_incarnation(catalog: Catalog, requests: Iterable[Request], observed: Observed) -> Settled:
+    leases_now: dict[tuple[str, str], Lease] = {}
     kept: list[Request] = []
-    dropped: list[tuple[Request, str]] = []
     bound: list[Request] = []
-    by_service = observed.by_service()
-    for request in requests:
-        service = catalog.services.get(request.requester)
-        by_meta_service = service is not None and service.meta and request.incarnation is None
-        # A bridge requests on behalf of callers that outlive its own runs; such a request ends with its lease.
-        by_bridge = service is not None and service.may_act_for and request.ttl is not None
-        if request.standing or not observed.complete or by_meta_service or by_bridge:
-            kept.append(request)
-            continue
-        containers = by_service.get(request.requester, [])
-        alive = [c for c in containers if c.alive]
-        if request.incarnation is None:
-            if alive and not alive[0].brief:
-                request = replace(request, incarnation=alive[0].incarnation)
-                bound.append(request)
-            kept.append(request)
-        elif any(c.incarnation == request.incarnation or c.brief for c in alive):
+    dropped: list[tuple[Request, str]] = []
+    expired: list[tuple[Request, str]] = []
+    for declared in requests:
+        request, why = _in_its_run(catalog, declared, observed)
+        bound += [] if request is declared else [request]
+        if why:
+            dropped.append((request, why))
+        elif request.ttl is None or request.standing:
             kept.append(request)
         else:
-            dropped.append((request, _obituary(request, containers)))
-    return Settled(tuple(kept), tuple(dropped), tuple(bound))
+            stamp = f"{request.renewed}/{(renewals or {}).get(request.key, 0)}/{request.ttl}/{request.incarnation}"
+            lease, requester = (leases or {}).get(request.key), observed.current(request.requester)
+            asleep = requester is not None and requester.state == "paused"
+            if lease is None or lease.stamp != stamp or asleep or not observed.complete:
+                lease = Lease(stamp, now + request.ttl)
+            # Remember an expired lease too: if the drop cannot be written to disk, the request must stay expired.
+            leases_now[request.key] = lease
+            if lease.until <= now:
+                expired.append((request, f"its lease of {format_seconds(request.ttl)} ran out"))
+            else:
+                kept.append(request)
+    return Settled(tuple(kept), (*dropped, *expired), tuple(bound), leases_now)
 
 
-def _obituary(request: Request, containers: list[Container]) -> str:
+def _in_its_run(catalog: Catalog, request: Request, observed: Observed) -> tuple[Request, str]:
+    """Return the request, bound to its requester's current run if it names none, and why it is dropped ("" if not)."""
+    service = catalog.services.get(request.requester)
+    by_meta_service = service is not None and service.meta and request.incarnation is None
+    # A bridge requests on behalf of callers that outlive its own runs; such a request ends with its lease.
+    by_bridge = service is not None and service.may_act_for and request.ttl is not None
+    if request.standing or not observed.complete or by_meta_service or by_bridge:
+        return request, ""
+    containers = observed.of(request.requester)
+    alive = [c for c in containers if c.alive]
+    if request.incarnation is None:
+        known = alive and not alive[0].brief
+        return (replace(request, incarnation=alive[0].incarnation) if known else request), ""
+    goes_on = any(c.incarnation == request.incarnation or c.brief for c in alive)
+    return request, "" if goes_on else _obituary(request, containers)
+
+
+def _obituary(request: Request, containers: Sequence[Container]) -> str:
     if not containers:
         return f"{request.requester} was removed"
     if containers[0].alive:

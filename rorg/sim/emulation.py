@@ -14,8 +14,8 @@ from rorg.model.trace import Trace
 from rorg.model.workload import Behaviour, Distribution, Workload
 from rorg.sim.emulate import Share
 from rorg.sim.player import EmulatedRun
-from rorg.sim.report import reduction
-from rorg.sim.results import RunResult
+from rorg.sim.report import by_state, reduction
+from rorg.sim.results import Response, RunResult
 from rorg.sim.simulate import simulate
 
 EVERY = 0.05
@@ -143,17 +143,10 @@ class Emulation:
         }
 
 
-def _response_times(result: RunResult) -> dict[str, Any]:
-    """State of the behaviour -> number of requests, how many of them became ready, and after how many seconds."""
-    by_state: dict[str, list[float | None]] = {}
-    for one in result.responses:
-        by_state.setdefault(one.state or one.id, []).append(one.seconds)
-    return {state: _times(found) for state, found in sorted(by_state.items())}
-
-
-def _times(found: Sequence[float | None]) -> dict[str, Any]:
-    ready = [seconds for seconds in found if seconds is not None]
-    return {"requests": len(found), "ready": len(ready), **_seconds(ready)}
+def _times(responses: Sequence[Response]) -> dict[str, Any]:
+    """Number of requests, how many of them became ready, and after how many seconds."""
+    ready = [one.seconds for one in responses if one.seconds is not None]
+    return {"requests": len(responses), "ready": len(ready), **_seconds(ready)}
 
 
 def _seconds(found: Sequence[float]) -> dict[str, float]:
@@ -190,7 +183,7 @@ def _run(one: Compared, share: Share) -> dict[str, Any]:
         "agreement": {"drawn": _agreement(one.drawn), "replayed": _agreement(one.replayed)},
         "actions": dict(result.actions or {}),
         "calls": {verb: {"count": len(seconds), **_seconds(seconds)} for verb, seconds in run.calls.items()},
-        "responses": _response_times(result),
+        "responses": {state: _times(those) for state, those in by_state(result.responses).items()},
         "violations": [asdict(v) for v in result.violations],
         "samples": {
             "at": [round(s.at, 2) for s in result.samples],

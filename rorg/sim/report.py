@@ -29,7 +29,10 @@ def summary(result: RunResult, against: RunResult | None = None) -> dict[str, An
         "memory": result.memory,
         "peak_memory": result.peak_memory,
         "reduction": None if against is None else reduction(result, against),
-        "responses": {"all": _times(result.responses), **_times_by_state(result.responses)},
+        "responses": {
+            "all": _times(result.responses),
+            **{state: _times(those) for state, those in by_state(result.responses).items()},
+        },
         "violations": dict(sorted(Counter(v.code for v in result.violations).items())),
         "calls": dict(result.actions or {}),
     }
@@ -43,12 +46,12 @@ def reduction(result: RunResult, against: RunResult) -> dict[str, float]:
     }
 
 
-def _times_by_state(responses: Sequence[Response]) -> dict[str, Any]:
-    """Response times by the state that was entered, or by the id of a request outside of any state."""
+def by_state(responses: Sequence[Response]) -> dict[str, list[Response]]:
+    """Responses by the state that was entered, or by the id of a request outside of any state."""
     found: dict[str, list[Response]] = {}
     for one in responses:
         found.setdefault(one.state or one.id, []).append(one)
-    return {name: _times(those) for name, those in sorted(found.items())}
+    return dict(sorted(found.items()))
 
 
 def _times(responses: Sequence[Response]) -> dict[str, Any]:

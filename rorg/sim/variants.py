@@ -196,10 +196,7 @@ def _tried(variant: Variant, result: RunResult, responses: Sequence[Response]) -
 
 def _marked(found: Sequence[Tried]) -> list[Tried]:
     costs = [one.cost for one in found]
-    return [
-        Tried(one.variant, one.result, one.waits, one.unready, not any(_beats(other, one.cost) for other in costs))
-        for one in found
-    ]
+    return [replace(one, efficient=not any(_beats(other, one.cost) for other in costs)) for one in found]
 
 
 def _beats(one: Cost, other: Cost) -> bool:
