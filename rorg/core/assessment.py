@@ -16,7 +16,7 @@ from rorg.core.requests import Settled, note_restarts, settle, tried_again
 from rorg.core.rollout import retried
 from rorg.core.schedule import interlocks
 from rorg.core.situation import Measures, Situation, Surroundings
-from rorg.core.tracking import Tracked, renew_all, track
+from rorg.core.tracking import Facts, Tracked, renew_all, track
 from rorg.core.wanted import urgent
 from rorg.core.withheld import Withheld
 from rorg.model.catalog import Hold
@@ -103,22 +103,22 @@ class _Assessment:
         return {**{s.service: s.reason for s in memory.pressure.shed}, **self.holds}
 
     def track(self, cache: Cache | None, touched: Collection[str]) -> Tracked | None:
-        inputs, desired, observed = self.inputs, self.desired, self.inputs.observed
-        if not observed.complete:
-            self.memory = renew_all(self.memory, desired, inputs.now)
+        inputs = self.inputs
+        if not inputs.observed.complete:
+            self.memory = renew_all(self.memory, self.desired, inputs.now)
             return None
-        self.memory, tracked = track(
-            cache.tracked if cache else None,
-            self.memory,
-            desired,
-            self.admission.wanted,
-            observed,
-            inputs.results,
-            inputs.now,
-            inputs.booted_at,
-            touched,
-            self.unplugged,
+        facts = Facts(
+            memory=self.memory,
+            desired=self.desired,
+            wanted=self.admission.wanted,
+            observed=inputs.observed,
+            results=inputs.results,
+            now=inputs.now,
+            booted_at=inputs.booted_at,
+            unplugged=self.unplugged,
         )
+        tracked = track(cache.tracked if cache else None, facts, touched)
+        self.memory = tracked.facts.memory
         return tracked
 
     def evict(self) -> Measures:

@@ -7,9 +7,8 @@ depends on the time.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import dataclass, replace
-from functools import partial
 
 from rorg.core.atomic import freed, judged_together, sets_of
 from rorg.core.changes import changed_keys
@@ -25,75 +24,68 @@ from rorg.model.objects import is_object
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Tracked:
-    """Inputs and result of the last review."""
+class Facts:
+    """What a review is based on. `unplugged` are services with a missing device."""
 
+    memory: Memory
     desired: Desired
     wanted: Wanted
+    observed: Observed
     results: ProbeResults
-    in_flight: Collection[str]
+    now: float
     booted_at: str
-    unplugged: frozenset[str]
-    progress: Mapping[str, Progress]
+    unplugged: Collection[str]
+
+    def evidence(self, name: str) -> Evidence:
+        """Return what concerns one service."""
+        return Evidence(
+            wanted=name in self.wanted,
+            observed=self.observed,
+            ready=self.results.get((name, "ready")),
+            live=self.results.get((name, "live")),
+            busy=name in self.memory.in_flight,
+            now=self.now,
+            booted_at=self.booted_at,
+            unplugged=name in self.unplugged,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Tracked:
+    """The facts of the last review, with the memory after it."""
+
+    facts: Facts
     volatile: frozenset[str]
     """Services to review in every pass: their progress has just changed, or changes with the time."""
 
 
-def track(
-    kept: Tracked | None,
-    memory: Memory,
-    desired: Desired,
-    wanted: Wanted,
-    observed: Observed,
-    results: ProbeResults,
-    now: float,
-    booted_at: str,
-    touched: Collection[str],
-    unplugged: Collection[str] = (),
-) -> tuple[Memory, Tracked]:
-    """Update the progress of services.
-
-    `touched` are services whose containers changed since the last pass, `unplugged` those with a missing device. Call
-    it only for a complete observation; renew_all() is for incomplete ones.
-    """
-    services, by_service = desired.catalog.services, observed.by_service()
-    unchanged = kept is not None and kept.desired is desired and kept.wanted is wanted and kept.booted_at == booted_at
-    if kept is None or not unchanged or any(n not in desired.digests for n in touched):
-        kept, names = None, set(desired.digests)
-    else:
-        names = _to_review(kept, memory, desired, results, touched) | (kept.unplugged ^ set(unplugged))
-    gone = memory.progress.keys() - desired.digests.keys() - by_service.keys()
+def track(kept: Tracked | None, facts: Facts, touched: Collection[str]) -> Tracked:
+    """Update the progress of services. `touched` are services whose containers changed since the last pass. Call it
+    only for a complete observation; renew_all() is for incomplete ones."""
+    memory, desired = facts.memory, facts.desired
+    if kept and not _comparable(kept.facts, facts, touched):
+        kept = None
+    names = _to_review(kept, facts, touched) if kept else set(desired.digests)
+    gone = memory.progress.keys() - desired.digests.keys() - facts.observed.by_service().keys()
     progress = {n: p for n, p in memory.progress.items() if n not in gone or (is_object(n) and p.attempts)}
     volatile = set(kept.volatile) if kept else set[str]()
     changed = len(progress) != len(memory.progress)
-    snapshot = partial(Evidence, observed=observed, now=now, booted_at=booted_at)
     for name in names:
-        service, last = services[name], memory.of(name)
-        evidence = snapshot(
-            wanted=name in wanted,
-            ready=results.get((name, "ready")),
-            live=results.get((name, "live")),
-            busy=name in memory.in_flight,
-            unplugged=name in unplugged,
-        )
-        progress_now = _reviewed(parameters_noted(last, results.get((name, ROLE))), service, desired, evidence)
+        service, last, evidence = desired.catalog.services[name], memory.of(name), facts.evidence(name)
+        progress_now = _reviewed(parameters_noted(last, facts.results.get((name, ROLE))), service, desired, evidence)
         if not (unchanged := progress_now is last and name in memory.progress):
             progress[name], changed = progress_now, True
         (volatile.discard if unchanged and not _time_dependent(progress_now, service, evidence) else volatile.add)(name)
-    set_changes = judged_together(sets_of(names, desired), progress, desired, wanted, observed)
+    set_changes = judged_together(sets_of(names, desired), progress, desired, facts.wanted, facts.observed)
     volatile |= set_changes.keys()
     memory = replace(memory, progress={**progress, **set_changes}) if changed or set_changes else memory
-    tracked = Tracked(
-        desired=desired,
-        wanted=wanted,
-        results=results,
-        in_flight=frozenset(memory.in_flight),
-        booted_at=booted_at,
-        unplugged=frozenset(unplugged),
-        progress=memory.progress,
-        volatile=frozenset(volatile),
-    )
-    return memory, tracked
+    return Tracked(replace(facts, memory=memory), frozenset(volatile))
+
+
+def _comparable(before: Facts, now: Facts, touched: Collection[str]) -> bool:
+    """Return whether everything that concerns all services is as it was."""
+    same = before.desired is now.desired and before.wanted is now.wanted and before.booted_at == now.booted_at
+    return same and all(n in now.desired.digests for n in touched)
 
 
 def renew_all(memory: Memory, desired: Desired, now: float) -> Memory:
@@ -102,13 +94,14 @@ def renew_all(memory: Memory, desired: Desired, now: float) -> Memory:
     return replace(memory, progress={**memory.progress, **progress})
 
 
-def _to_review(
-    kept: Tracked, memory: Memory, desired: Desired, results: ProbeResults, touched: Collection[str]
-) -> set[str]:
+def _to_review(kept: Tracked, facts: Facts, touched: Collection[str]) -> set[str]:
     """Return the services to review."""
-    names = changed_keys(kept.progress, memory.progress)
-    names |= {name for name, _ in changed_keys(kept.results, results) | (kept.results.keys() - results.keys())}
-    names |= kept.in_flight ^ memory.in_flight.keys()
+    before, desired = kept.facts, facts.desired
+    names = changed_keys(before.memory.progress, facts.memory.progress)
+    results = changed_keys(before.results, facts.results) | (before.results.keys() - facts.results.keys())
+    names |= {name for name, _ in results}
+    names |= before.memory.in_flight.keys() ^ facts.memory.in_flight.keys()
+    names |= {*before.unplugged} ^ {*facts.unplugged}
     names.update(touched, kept.volatile)
     for name in touched:
         names.update(desired.dependants[name])
