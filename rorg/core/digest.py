@@ -3,8 +3,8 @@
 Labels are rorg's only record of a container. A state directory can be lost; the labels stay with the container.
 
 A secret in a label is written as `***(HASH)`. Equal secrets have equal marks, so rorg can still compare a container
-with what is declared, and declaring a value secret replaces no container. The hash hides a long secret only: whoever
-may read the labels of the engine can find a short one by trying all. masking.py decides what people see.
+with what is declared, and declaring a value secret replaces no container. The hash hides a long secret only: a
+person who may read the labels of the engine can find a short one by trying all. masking.py decides what people see.
 """
 
 from __future__ import annotations
