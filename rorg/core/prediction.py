@@ -43,8 +43,6 @@ class PredictionState:
     """What prediction remembers between passes."""
 
     learning: Learning | None = None
-    requests: tuple[Request, ...] = ()
-    """The requests of the last pass."""
     begun: Mapping[str, tuple[str, float]] = field(default_factory=dict)
     """Service that is coming up -> (start or resume, since when)."""
     warm: Mapping[str, Warm] = field(default_factory=dict)

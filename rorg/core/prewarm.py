@@ -60,10 +60,10 @@ def prewarm(
     if inputs.learned is None:
         return _kept(memory, PredictionState()), Prewarmed(admission.wanted)
     learning = before.learning or Learning(inputs.learned)
-    if before.learning is None or requests != before.requests:
+    if before.learning is None or requests != inputs.memory.asked:
         learning = observe_requests(learning, now, requests, before.learning is None)
     learning, begun = _timed(learning, before, catalog, memory, now)
-    prediction = replace(before, learning=learning, requests=requests, begun=begun)
+    prediction = replace(before, learning=learning, begun=begun)
     names = [n for n, s in catalog.services.items() if s.idle.prewarm and n not in admission.wanted]
     if off or not names:
         prediction = replace(prediction, warm={})

@@ -81,14 +81,10 @@ def _patient(progress: Progress) -> Progress:
 def _wanted(progress: Progress, is_wanted: bool, now: float) -> Progress:
     """Note since when a service is unwanted; a service that becomes wanted or unwanted loses its back-off."""
     # A new request gets a fresh attempt: what was missing may exist by now.
-    if is_wanted:
-        return (
-            progress
-            if progress.unwanted_since is None
-            else replace(progress, unwanted_since=None, attempts={}, error="")
-        )
-    if progress.unwanted_since is not None:
+    if is_wanted == (progress.unwanted_since is None):
         return progress
+    if is_wanted:
+        return replace(progress, unwanted_since=None, attempts={}, error="")
     return replace(progress, unwanted_since=now, exits=0, exited="", attempts={}, error="")
 
 
@@ -106,12 +102,7 @@ def _run(progress: Progress, current: Container | None, now: float) -> Progress:
             return progress
         return replace(progress, running_since=None, **UNANSWERED)
     if progress.running_since is None or progress.incarnation != current.incarnation:
-        return replace(
-            progress,
-            incarnation=current.incarnation,
-            running_since=now,
-            **UNANSWERED,
-        )
+        return replace(progress, incarnation=current.incarnation, running_since=now, **UNANSWERED)
     if progress.exits and progress.hung != progress.incarnation and now - progress.running_since >= STABLE:
         return replace(progress.start_forgotten(), exits=0, error="")
     return progress
@@ -205,11 +196,8 @@ def _ready(progress: Progress, service: Service, result: ProbeResult | None, now
     if service.ready.delay is not None:
         # Compute this sum exactly as the loop's deadline does. Another form may round to just below it, and the loop
         # would wake up for ever without effect.
-        return (
-            replace(progress, ready=True, was_ready=True)
-            if not progress.ready and now >= progress.running_since + service.ready.delay
-            else progress
-        )
+        is_due = not progress.ready and now >= progress.running_since + service.ready.delay
+        return replace(progress, ready=True, was_ready=True) if is_due else progress
     if not _fits(result, progress):
         return progress
     if result.ok and result.at != progress.answered:
@@ -250,17 +238,10 @@ def _live(progress: Progress, service: Service, result: ProbeResult | None, now:
     if service.live is None or not _fits(result, progress):
         return progress
     if progress.hung == progress.incarnation:
-        return (
-            progress
-            if not result.ok
-            else replace(
-                progress.start_forgotten(),
-                hung="",
-                exits=max(0, progress.exits - 1),
-                crashes=progress.crashes - 1,
-                error="",
-            )
-        )
+        if not result.ok:
+            return progress
+        exits, crashes = max(0, progress.exits - 1), progress.crashes - 1
+        return replace(progress.start_forgotten(), hung="", exits=exits, crashes=crashes, error="")
     if result.failures < service.live.failures:
         return progress
     exits = progress.exits + 1
