@@ -97,10 +97,8 @@ def settle(
     again, and renewals (numbered in `renewals`) need not be written to disk.
     """
     leases_now: dict[tuple[str, str], Lease] = {}
-    kept: list[Request] = []
-    bound: list[Request] = []
-    dropped: list[tuple[Request, str]] = []
-    expired: list[tuple[Request, str]] = []
+    kept, bound = list[Request](), list[Request]()
+    dropped, expired = list[tuple[Request, str]](), list[tuple[Request, str]]()
     for declared in requests:
         request, why = _in_its_run(catalog, declared, observed)
         bound += [] if request is declared else [request]
@@ -110,8 +108,8 @@ def settle(
             kept.append(request)
         else:
             stamp = f"{request.renewed}/{(renewals or {}).get(request.key, 0)}/{request.ttl}/{request.incarnation}"
-            lease, requester = (leases or {}).get(request.key), observed.current(request.requester)
-            asleep = requester is not None and requester.state == "paused"
+            lease = (leases or {}).get(request.key)
+            asleep = any(c.state == "paused" for c in observed.of(request.requester)[:1])
             if lease is None or lease.stamp != stamp or asleep or not observed.complete:
                 lease = Lease(stamp, now + request.ttl)
             # Remember an expired lease too: if the drop cannot be written to disk, the request must stay expired.

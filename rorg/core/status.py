@@ -3,7 +3,7 @@ conditions can hold at the same time."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
@@ -93,94 +93,109 @@ def statuses(
     situation: Situation, plan: Plan, holds: Mapping[str, str] | None = None, only: Collection[str] | None = None
 ) -> dict[str, Status]:
     """Return the status of every declared service, or of those in `only`. `holds` comes from the decision."""
-    containers = situation.observed.by_service()
-    pending = {a.service: a.verb for a in reversed(plan.actions)}
-    waiting = {w.service: w.reason for w in plan.waitings}
-    actions: dict[str, list[Action]] = {}
-    for action in plan.actions:
-        actions.setdefault(action.service, []).append(action)
-    pending |= {name: flight.action.verb for name, flight in situation.memory.in_flight.items()}
-    by_name = {
-        name: _status(
-            situation,
-            service,
-            situation.observed.current(name),
-            pending.get(name, ""),
-            waiting.get(name, ""),
-            (holds or {}).get(name, ""),
-            actions.get(name, []),
-        )
-        for name, service in sorted(situation.desired.catalog.services.items())
-        if only is None or name in only
-    }
+    services, assessed = situation.desired.catalog.services, _Assessed(situation, plan, holds or {})
+    by_name = {name: assessed.status(services[name]) for name in sorted(services) if only is None or name in only}
     for name, why in situation.withheld.items():
+        current = situation.observed.current(name)
         if name in by_name:
             by_name[name] = replace(by_name[name], withheld=why, why=f"withheld: {why}")
-        elif name in containers:  # its manifest is gone, so nothing else is known
-            current = containers[name][0]
-            by_name[name] = Status(
-                name,
-                current.state,
-                "OutOfSync",
-                "Unknown",
-                False,
-                f"withheld: {why}",
-                container=current.id,
-                started_at=current.started_at,
-                withheld=why,
-            )
+        elif current:  # its manifest is gone, so nothing else is known
+            gone = Status(name, current.state, "OutOfSync", "Unknown", False, f"withheld: {why}")
+            by_name[name] = replace(gone, container=current.id, started_at=current.started_at, withheld=why)
     return by_name
 
 
-def _status(
-    situation: Situation,
-    service: Service,
-    current: Container | None,
-    pending: str,
-    waiting: str,
-    held: str,
-    actions: Sequence[Action],
-) -> Status:
-    name = service.name
-    causes = situation.wanted.get(name, ())
-    links = tuple(Link(s, c) for s, c in reversed(chain(situation.wanted, name)))
-    why = str(causes[0]) + (f" and {len(causes) - 1} more" if len(causes) > 1 else "") if causes else ""
-    why = why or held or situation.preempted.get(name, "")
-    if service.meta:
-        return Status(name, "meta", "Synced", "Healthy", True, why, labels=service.labels, chain=links)
-    progress, known = situation.memory.of(name), situation.observed.complete
-    ready, reason, message = _readiness(situation, service, current, waiting, actions)
-    sync = "Unknown" if not known else "OutOfSync" if pending or waiting else "Synced"
-    conditions = (
-        Condition("Ready", "Unknown" if not known else str(ready), reason, message),
-        requested(links),
-        Condition("Reconciling", str(bool(pending)), pending.capitalize() or "Settled", waiting),
-        Condition("Stalled", str(progress.stalled), stalled(progress), progress.error),
-        *occasional(situation, service),
-    )
-    health = _health(bool(causes), ready, reason, progress.stalled) if known else "Unknown"
-    return Status(
-        name,
-        current.state if current else "none" if known else "unknown",
-        sync,
-        health,
-        bool(causes),
-        why,
-        conditions,
-        current.id if current else "",
-        current.incarnation if current and current.alive else "",
-        current.started_at if current else "",
-        progress.exits,
-        current.pid if current else 0,
-        progress.crashes,
-        situation.priorities.get(name, service.priority),
-        held,
-        name in situation.measures.lowered,
-        ros_nodes(service),
-        driver=service.driver,
-        labels=service.labels,
-        chain=links,
-    )
+class _Assessed:
+    """Finds the status of services in one situation."""
+
+    def __init__(self, situation: Situation, plan: Plan, holds: Mapping[str, str]) -> None:
+        self.s, self.holds = situation, holds
+        self.waiting = {w.service: w.reason for w in plan.waitings}
+        self.actions: dict[str, list[Action]] = {}
+        """Service -> the action under way and those in the plan."""
+        for action in (*(flight.action for flight in situation.memory.in_flight.values()), *plan.actions):
+            self.actions.setdefault(action.service, []).append(action)
+
+    def status(self, service: Service) -> Status:
+        name, causes = service.name, self.s.wanted.get(service.name, ())
+        links = tuple(Link(s, c) for s, c in reversed(chain(self.s.wanted, name)))
+        held, waiting = self.holds.get(name, ""), self.waiting.get(name, "")
+        why = str(causes[0]) + (f" and {len(causes) - 1} more" if len(causes) > 1 else "") if causes else ""
+        why = why or held or self.s.preempted.get(name, "")
+        if service.meta:
+            return Status(name, "meta", "Synced", "Healthy", True, why, labels=service.labels, chain=links)
+        progress, known, current = self.s.memory.of(name), self.s.observed.complete, self.s.observed.current(name)
+        pending = next((a.verb for a in self.actions.get(name, ())), "")
+        ready, reason, message = self.readiness(service, current)
+        conditions = (
+            Condition("Ready", "Unknown" if not known else str(ready), reason, message),
+            requested(links),
+            Condition("Reconciling", str(bool(pending)), pending.capitalize() or "Settled", waiting),
+            Condition("Stalled", str(progress.stalled), stalled(progress), progress.error),
+            *occasional(self.s, service),
+        )
+        status = Status(
+            name,
+            current.state if current else "none" if known else "unknown",
+            "Unknown" if not known else "OutOfSync" if pending or waiting else "Synced",
+            _health(bool(causes), ready, reason, progress.stalled) if known else "Unknown",
+            bool(causes),
+            why,
+            conditions,
+            exits=progress.exits,
+            crashes=progress.crashes,
+            effective_priority=self.s.priorities.get(name, service.priority),
+            held=held,
+            lowered=name in self.s.measures.lowered,
+            ros_nodes=ros_nodes(service),
+            driver=service.driver,
+            labels=service.labels,
+            chain=links,
+        )
+        return status if current is None else _with_container(status, current)
+
+    def ending(self, name: str, current: Container | None) -> str:
+        """Return why the current run is about to end; "" if it goes on."""
+        actions = self.actions.get(name, [])
+        if self.s.suspended:  # then only a call under way goes on
+            actions = actions[: name in self.s.memory.in_flight]
+        for action in actions:
+            if current is not None and ends(action, current.incarnation):
+                return f"{action.verb}: {action.reason}"
+        asked = self.s.restarts.get(name)
+        return "restart requested" if current is not None and asked == current.incarnation else ""
+
+    def readiness(self, service: Service, current: Container | None) -> tuple[bool, str, str]:
+        """Return whether a service is ready, with reason and message."""
+        situation, name, waiting = self.s, service.name, self.waiting.get(service.name, "")
+        progress = situation.memory.of(name)
+        if situation.observed.silence:
+            return False, SILENT, str(situation.observed.silence)
+        if progress.ready:
+            ending = self.ending(name, current)
+            return (False, "Ending", ending) if ending else (True, "Ready", "")
+        if name in situation.unplugged and not (current is not None and current.active):
+            return False, "NoDevice", situation.unplugged[name]
+        if current is None:
+            return False, "NoContainer", waiting or progress.error
+        if current.state == "exited" and progress.exited == current.incarnation and not waiting:
+            if situation.completed(name):
+                return True, "Completed", "it ended with exit code 0"
+            return False, "OutOfMemory" if current.oom_killed else "Failed", progress.error
+        if progress.doubted_since is not None:
+            return False, "Ending", "rorg was ended while stopping it"
+        if current.state == "running" and progress.running_since is not None:
+            ran = situation.now - progress.running_since
+            late = service.ready is not None and ran > service.ready.timeout
+            return False, "Late" if late else "Probing", progress.probe
+        if progress.error and progress.exits:
+            return False, "Failed", progress.error
+        return False, current.state.capitalize(), waiting or progress.error
+
+
+def _with_container(status: Status, current: Container) -> Status:
+    run = current.incarnation if current.alive else ""
+    return replace(status, container=current.id, incarnation=run, started_at=current.started_at, pid=current.pid)
 
 
 def ros_nodes(service: Service) -> tuple[str, ...]:
@@ -204,42 +219,3 @@ def ends(action: Action, run: str) -> bool:
     if action.part_of is Part.REPLACE and isinstance(action.operation, (Create, Rename)):
         return True
     return action.operation.ends and action.container[:12] == run.partition("@")[0]
-
-
-def _ending(situation: Situation, service: Service, current: Container | None, actions: Sequence[Action]) -> str:
-    """Return why the current run is about to end; "" if it goes on."""
-    flight = situation.memory.in_flight.get(service.name)
-    planned = () if situation.suspended else actions
-    for action in (*([flight.action] if flight else []), *planned):
-        if current is not None and ends(action, current.incarnation):
-            return f"{action.verb}: {action.reason}"
-    asked = situation.restarts.get(service.name)
-    return "restart requested" if current is not None and asked == current.incarnation else ""
-
-
-def _readiness(
-    situation: Situation, service: Service, current: Container | None, waiting: str, actions: Sequence[Action]
-) -> tuple[bool, str, str]:
-    progress = situation.memory.of(service.name)
-    if situation.observed.silence:
-        return False, SILENT, str(situation.observed.silence)
-    if progress.ready:
-        ending = _ending(situation, service, current, actions)
-        return (False, "Ending", ending) if ending else (True, "Ready", "")
-    if service.name in situation.unplugged and not (current is not None and current.active):
-        return False, "NoDevice", situation.unplugged[service.name]
-    if current is None:
-        return False, "NoContainer", waiting or progress.error
-    if current.state == "exited" and progress.exited == current.incarnation and not waiting:
-        if current.exit_code == 0 and progress.over(service, current):
-            return True, "Completed", "it ended with exit code 0"
-        return False, "OutOfMemory" if current.oom_killed else "Failed", progress.error
-    if progress.doubted_since is not None:
-        return False, "Ending", "rorg was ended while stopping it"
-    if current.state == "running" and progress.running_since is not None:
-        ran = situation.now - progress.running_since
-        late = service.ready is not None and ran > service.ready.timeout
-        return False, "Late" if late else "Probing", progress.probe
-    if progress.error and progress.exits:
-        return False, "Failed", progress.error
-    return False, current.state.capitalize(), waiting or progress.error
