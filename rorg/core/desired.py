@@ -3,7 +3,7 @@ otherwise be computed again in every pass."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from graphlib import TopologicalSorter
 from typing import Any
@@ -68,8 +68,12 @@ def desire(
     tree to the reference that stands for its content, so a container's digest changes with the content of its image."""
     contents = contents or {}
     catalog = _from_images(_located(catalog, run), images or {})
-    services = catalog.services
-    graph, dependants, conflicts, sharers = _relations(services)
+    services, nobody = catalog.services, dict.fromkeys(catalog.services, tuple[str, ...]())
+    graph = {name: sorted(n for n in services[name].needs if n in services) for name in sorted(services)}
+    pairs = [(n, rival) for n, s in services.items() for rival in s.conflicts if rival in services and rival != n]
+    conflicts = nobody | _grouped(pair for a, b in pairs for pair in ((a, b), (b, a)))
+    sharers = _grouped((resource, name) for name, s in services.items() for resource in s.exclusive)
+    sets = _grouped((s.update.atomic, n) for n, s in sorted(services.items()) if s.update.atomic and not s.meta)
     objects, uses, users = used_objects(catalog)
     return Desired(
         catalog=catalog,
@@ -85,21 +89,30 @@ def desire(
         },
         declared={name: declared_now(s.spec, s.secrets) for name, s in services.items() if s.spec is not None},
         order=tuple(TopologicalSorter(graph).static_order()),
-        dependants={name: tuple(sorted(names)) for name, names in dependants.items()},
-        conflicts={name: tuple(sorted(names)) for name, names in conflicts.items()},
-        sharers={resource: tuple(sorted(names)) for resource, names in sharers.items()},
+        dependants=nobody | _grouped((need, name) for name, needs in graph.items() for need in needs),
+        conflicts=conflicts,
+        sharers=sharers,
         rivals={
-            name: frozenset(conflicts[name].union(*(sharers[r] for r in s.exclusive)))
+            name: frozenset(conflicts[name]).union(*(sharers[r] for r in s.exclusive))
             for name, s in services.items()
             if s.exclusive or conflicts[name]
         },
-        sets=_sets(services),
+        # A single service has nothing to change together with.
+        sets={name: members for name, members in sets.items() if len(members) > 1},
         interlocks={name: s.interlock for name, s in services.items() if s.interlock},
         drivers=tuple(sorted(name for name, s in services.items() if s.devices)),
         devices=tuple(sorted({d for s in services.values() for d in s.devices}, key=lambda d: d.text)),
         contents=contents,
         ros={name: digest(asdict(s.ros)) for name, s in services.items() if s.ros},
     )
+
+
+def _grouped(pairs: Iterable[tuple[str, str]]) -> dict[str, tuple[str, ...]]:
+    """Return all values of each key, sorted."""
+    groups: dict[str, set[str]] = {}
+    for key, value in pairs:
+        groups.setdefault(key, set()).add(value)
+    return {key: tuple(sorted(values)) for key, values in groups.items()}
 
 
 def _probes(service: Service) -> dict[str, Any]:
@@ -113,35 +126,6 @@ def _probe_fields(probe: Probe) -> dict[str, Any]:
     """Return the fields of a probe for an edition. `parts` is left out if empty, so that services proven before probes
     had parts need not be proven again."""
     return {name: value for name, value in asdict(probe).items() if name != "parts" or value}
-
-
-def _relations(
-    services: Mapping[str, Service],
-) -> tuple[dict[str, list[str]], dict[str, list[str]], dict[str, set[str]], dict[str, list[str]]]:
-    """Return what each service needs, who needs it, who conflicts with it, and who uses each exclusive resource."""
-    graph = {name: sorted(n for n in services[name].needs if n in services) for name in sorted(services)}
-    dependants: dict[str, list[str]] = {name: [] for name in services}
-    conflicts: dict[str, set[str]] = {name: set() for name in services}
-    sharers: dict[str, list[str]] = {}
-    for name, service in services.items():
-        for need in graph[name]:
-            dependants[need].append(name)
-        for resource in service.exclusive:
-            sharers.setdefault(resource, []).append(name)
-        for rival in service.conflicts:
-            if rival in services and rival != name:
-                conflicts[name].add(rival)
-                conflicts[rival].add(name)
-    return graph, dependants, conflicts, sharers
-
-
-def _sets(services: Mapping[str, Service]) -> dict[str, tuple[str, ...]]:
-    """Return atomic sets with at least two members; a single service has nothing to change together with."""
-    sets: dict[str, list[str]] = {}
-    for name, service in sorted(services.items()):
-        if service.update.atomic and not service.meta:
-            sets.setdefault(service.update.atomic, []).append(name)
-    return {name: tuple(members) for name, members in sets.items() if len(members) > 1}
 
 
 def _from_images(catalog: Catalog, images: Mapping[str, str]) -> Catalog:
@@ -181,14 +165,11 @@ def used_objects(catalog: Catalog) -> tuple[Mapping[str, EngineObject], Uses, Us
     if not objects:
         return {}, {}, {}
     by_key = {item.key: name for name, item in objects.items()}
-    uses, users = dict[str, tuple[str, ...]](), dict[str, list[str]]()
+    uses: dict[str, tuple[str, ...]] = {}
     for name, service in catalog.services.items():
-        used = dict.fromkeys(by_key[key] for key in keys_of(service.spec or {}) if key in by_key)
-        if used:
-            uses[name] = tuple(used)
-        for item in used:
-            users.setdefault(item, []).append(name)
-    return objects, uses, {item: tuple(sorted(users_of)) for item, users_of in users.items()}
+        if used := tuple(dict.fromkeys(by_key[key] for key in keys_of(service.spec or {}) if key in by_key)):
+            uses[name] = used
+    return objects, uses, _grouped((subject, name) for name, subjects in uses.items() for subject in subjects)
 
 
 GONE = Idle(action="remove")
