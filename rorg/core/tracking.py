@@ -25,7 +25,7 @@ from rorg.model.objects import is_object
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Facts:
-    """What a review is based on. `unplugged` are services with a missing device."""
+    """The facts that a review rests on. `unplugged` are services with a missing device."""
 
     memory: Memory
     desired: Desired
