@@ -1,10 +1,10 @@
-"""What happens to a service that nothing wants, as its idle policy says: pause, stop or remove; and what pausing a ROS
-1 service does to others. The paper's robot pauses or stops what is not requested (section III-C). Removal (`action:
-remove`) is in reconcile.py, because then no container is kept.
+"""What happens to a service that nothing wants, as its idle policy says: pause, stop or remove. The paper's robot
+pauses or stops what is not requested (section III-C). The removal of `action: remove` is in reconcile.py, because then
+no container is kept.
 
-The connections of a paused ROS 1 service stay open, and so does its registration at the master. Measured: a paused
-subscriber receives its whole backlog on resume, up to 30 s old; a publisher with queue_size=None blocks while its
-subscriber is paused; service calls to a paused node hang.
+Pausing a ROS 1 service affects others: its connections stay open, and so does its registration at the master. Measured:
+a paused subscriber receives its whole backlog on resume, up to 30 s old; a publisher with queue_size=None blocks while
+its subscriber is paused; service calls to a paused node hang.
 """
 
 from __future__ import annotations

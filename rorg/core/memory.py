@@ -17,6 +17,12 @@ from rorg.core.update import Update
 from rorg.model.catalog import Probe, Request, Service
 from rorg.model.former import Kept
 
+CAP = 60.0
+"""Seconds. Kubernetes waits up to five minutes, but on a robot someone is usually waiting next to it."""
+STABLE = 60.0
+"""Seconds after which a run counts as stable and earlier exits are forgotten."""
+STALLED_AFTER = 3
+"""A service is Stalled after this many identical actions in a row without any observed change."""
 MOST_STOPPED = 16
 """Number of runs per service that are remembered as stopped by rorg."""
 DEFAULT_GRACE = 5.0
@@ -251,14 +257,6 @@ class Memory:
 
 
 NONE = Progress()
-
-
-CAP = 60.0
-"""Seconds. Kubernetes waits up to five minutes, but on a robot someone is usually waiting next to it."""
-STABLE = 60.0
-"""Seconds after which a run counts as stable and earlier exits are forgotten."""
-STALLED_AFTER = 3
-"""A service is Stalled after this many identical actions in a row without any observed change."""
 
 
 def delay(failures: int) -> float:
