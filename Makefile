@@ -44,7 +44,7 @@ bench: $(VENV)/test-installed
 schemas: $(BIN)/rorg
 	$(BIN)/python -m rorg.manifest.schema schemas
 	$(BIN)/python -m rorg.api.openapi schemas/openapi.json
-	$(BIN)/python -m rorg.history.export schemas/journal.proto
+	$(BIN)/python -m rorg.api.records schemas/journal.proto
 
 docs: $(BIN)/rorg
 	$(BIN)/python docs/reference/generate.py

@@ -26,9 +26,9 @@ from rorg.api.inputs import moment
 from rorg.api.limits import MOST_EXPORTS, MOST_REVISIONS
 from rorg.api.operations import Operations
 from rorg.api.read_routes import text
+from rorg.api.records import ENCODERS
 from rorg.errors import TooMany
 from rorg.history import queries
-from rorg.history.export import ENCODERS
 from rorg.history.request_log import requested as recorded
 from rorg.history.revisions import Revision, Revisions
 from rorg.history.usage import UsageTable

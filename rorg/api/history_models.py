@@ -37,7 +37,7 @@ class MadeView(BaseModel):
 
 
 class RevisionDetail(RevisionView):
-    """Everything about a revision."""
+    """Everything about a revision, which is a state of the manifests that was applied or refused."""
 
     plan: str = Field(description="The actions that rorg took for it, as text.")
     services: dict[str, MadeView]

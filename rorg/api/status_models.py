@@ -217,18 +217,18 @@ class EventView(BaseModel):
     requested: list[str] | None = Field(default=None, description="Services and groups that a request names.")
     cause: str | None = Field(default=None, description="Of `lost` and `pause-risk`: a stable word.")
     incarnation: str | None = Field(default=None, description="The run that it is about.")
-    verb: str | None = None
+    verb: str | None = Field(default=None, description="Of an action, as in a plan.")
     container: str | None = None
     reason: str | None = None
-    fields: list[str] | None = None
-    error: str | None = None
+    fields: list[str] | None = Field(default=None, description="Declared options that changed.")
+    error: str | None = Field(default=None, description="Empty if it went well.")
     seconds: float | None = Field(default=None, description="How long it took.")
     file: str | None = None
     crashes: int | None = None
     node: str | None = Field(default=None, description="Name of a ROS node.")
     bytes: int | None = Field(default=None, description="Memory that was given back.")
-    measures: list[str] | None = None
-    helpless: bool | None = None
-    shed: dict[str, str] | None = None
+    measures: list[str] | None = Field(default=None, description="Measures against overload that are in force.")
+    helpless: bool | None = Field(default=None, description="Nothing that rorg runs would help.")
+    shed: dict[str, str] | None = Field(default=None, description="Services that were shed, each with the reason.")
     state: str | None = Field(default=None, description="The new state of a service; `none` without a container.")
     states: dict[str, str] | None = Field(default=None, description="States in which rorg found services.")

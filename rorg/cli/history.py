@@ -136,8 +136,8 @@ def _export(records: Served | Kept, format: str, file: Path | None) -> None:
     """Raises Invalid if the file cannot be written, and Refused for a format that a terminal cannot show."""
     import sys
 
+    from rorg.api.records import ENCODERS
     from rorg.errors import Invalid, Refused
-    from rorg.history.export import ENCODERS
 
     encode = ENCODERS[format]
     if file is None and format == "protobuf" and sys.stdout.isatty():

@@ -1,26 +1,30 @@
-"""Exports the history as lines of JSON or as protocol buffers. Both have the same content, except that protocol buffers
-do not tell an empty list from a missing one.
+"""Encodes the records of an export as lines of JSON or as protocol buffers. Both have the same content, except that
+protocol buffers do not tell an empty list from a missing one.
 
 The wire format is that of proto3 (protobuf.dev, "Encoding"): a stream of records, each after its length as a varint.
-rorg writes it itself, because the protobuf package is larger than this file needs.
+rorg writes it itself, because the protobuf package is larger than this file needs. The schema is made from the models
+of the API: `python -m rorg.api.records FILE`.
 """
 
 from __future__ import annotations
 
 import json
-import re
 import struct
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, NamedTuple
+from types import NoneType
+from typing import Any, NamedTuple, get_args, get_origin
+
+from pydantic import BaseModel
+
+from rorg.api.history_models import MadeView, RevisionDetail
+from rorg.api.status_models import EventView
 
 VARINT, DOUBLE, LENGTH = 0, 1, 2
 """Wire types."""
 MORE = "more"
 """The field for what has no field of its own."""
-
-
-PROTO = """\
-// Generated from rorg/history/export.py; do not edit.
+HEAD = """\
+// Generated from rorg/api/records.py; do not edit.
 // What `rorg history export --format protobuf` writes: Records, each after its length as a varint.
 syntax = "proto3";
 
@@ -33,68 +37,9 @@ message Record {
     Event event = 2;
   }
 }
-
-// A state of the manifests that was applied or refused.
-message Revision {
-  optional int64 number = 1;  // 1, 2, ... as in `rorg history`.
-  optional string at = 2;  // ISO 8601, UTC: when it was taken into use.
-  optional string fingerprint = 3;  // Of the manifests' content.
-  optional string commit = 4;  // Of git; empty outside of a repository.
-  optional string author = 5;  // Of the commit.
-  optional string subject = 6;  // Of the commit.
-  optional bool dirty = 7;  // Files differed from the commit.
-  optional string robot = 8;  // Whose overlay was laid over the manifests.
-  optional string standing = 9;  // applying, baking, good, failed, superseded or refused.
-  optional string reason = 10;  // Why it has that standing.
-  optional string settled_at = 11;  // ISO 8601, UTC: since when.
-  optional string plan = 12;  // What was to be done on its word, as text.
-  repeated string errors = 13;  // Of a refused one.
-  map<string, Made> services = 14;
-}
-
-// What a container of a service is made from.
-message Made {
-  optional string digest = 1;  // Of the rendered options.
-  optional string declared = 2;  // The rendered options, as JSON; what may be secret is masked.
-  optional string image = 3;  // Its reference.
-  optional string image_id = 4;  // The engine's id of it, where it was known.
-  optional string edition = 5;  // Of the manifest, and of what it mounts.
-}
-
-// An entry of the journal; which fields it has beyond the first four depends on its kind.
-message Event {
-  optional int64 seq = 1;  // Its number; they grow.
-  optional string at = 2;  // ISO 8601, UTC.
-  optional string kind = 3;  // A stable word.
-  optional string message = 4;  // For people.
-  optional string author = 5;  // Who asked for it.
-  optional string service = 6;
-  repeated string services = 7;
-  repeated string requests = 8;  // REQUESTER/ID that it concerns.
-  optional string request = 9;
-  optional string cause = 10;  // A stable word.
-  optional string incarnation = 11;  // The run that it is about.
-  optional string verb = 12;  // Of an action: create, update, rename, signal, start, resume, pause, stop, remove.
-  optional string container = 13;
-  optional string reason = 14;
-  repeated string fields = 15;  // Declared options that changed.
-  optional string error = 16;  // Empty where it went well.
-  optional double seconds = 17;  // How long it took.
-  optional string file = 18;
-  optional int64 crashes = 19;
-  optional string node = 20;  // Of a ROS node.
-  optional int64 bytes = 21;  // Of memory that was given back.
-  repeated string measures = 22;  // Against pressure, that are in force.
-  optional bool helpless = 23;  // Nothing that rorg runs would help.
-  map<string, string> shed = 24;  // Services that had to make room, each with the reason.
-  map<string, string> states = 25;  // Services, and the states that they were found in.
-  optional string state = 26;  // That a service has come into; `none` without a container.
-  repeated string requested = 27;  // Services and groups that a request names.
-  optional string more = 100;  // What has no field of its own here, as JSON.
-}
 """
-"""The schema, which schemas/journal.proto has a copy of. A number is never given to another field."""
-FIELD = re.compile(r"^ +(?:optional )?((?:repeated )?[\w<>, ]+?) (\w+) = (\d+);", re.M)
+TYPES: dict[Any, str] = {str: "string", bool: "bool", int: "int64", float: "double", MadeView: "Made"}
+"""Annotations of models, and the types of the schema."""
 
 
 class Field(NamedTuple):
@@ -103,6 +48,11 @@ class Field(NamedTuple):
     number: int
     name: str
     type: str
+    comment: str = ""
+
+    def __str__(self) -> str:
+        label = "" if self.type.startswith(("repeated ", "map<")) else "optional "
+        return f"  {label}{self.type} {self.name} = {self.number};" + (f"  // {self.comment}" if self.comment else "")
 
 
 class Message(NamedTuple):
@@ -110,13 +60,50 @@ class Message(NamedTuple):
 
     name: str
     fields: tuple[Field, ...]
+    comment: str = ""
+
+    def __str__(self) -> str:
+        return "\n".join([f"\n// {self.comment}", f"message {self.name} {{", *map(str, self.fields), "}\n"])
 
 
-MESSAGES = {
-    name: Message(name, tuple(Field(int(number), field, type) for type, field, number in FIELD.findall(body)))
-    for name, body in re.findall(r"^message (\w+) {\n(.*?)^}", PROTO, re.M | re.S)
-}
-RECORD, REVISION, MADE, EVENT = (MESSAGES[name] for name in ("Record", "Revision", "Made", "Event"))
+def _message(name: str, model: type[BaseModel], names: str, *more: Field) -> Message:
+    """The message of a model. `names`: its fields in the order of their numbers. A number is never given to another
+    field: append, and neither reorder nor remove."""
+    infos = enumerate(((field, model.model_fields[field]) for field in names.split()), 1)
+    fields = (Field(n, field, _type(info.annotation), info.description or "") for n, (field, info) in infos)
+    return Message(name, (*fields, *more), model.__doc__ or "")
+
+
+def _type(annotation: Any) -> str:
+    """The type of a field, without None."""
+    parts = [part for part in get_args(annotation) if part is not NoneType]
+    if get_origin(annotation) is list:
+        return f"repeated {_type(parts[0])}"
+    if get_origin(annotation) is dict:
+        return f"map<{', '.join(map(_type, parts))}>"
+    return TYPES[annotation] if annotation in TYPES else _type(parts[0])
+
+
+RECORD = Message("Record", (Field(1, "revision", "Revision"), Field(2, "event", "Event")))
+REVISION = _message(
+    "Revision",
+    RevisionDetail,
+    "number at fingerprint commit author subject dirty robot standing reason settled_at plan errors services",
+)
+MADE = _message("Made", MadeView, "digest declared image image_id edition")
+EVENT = _message(
+    "Event",
+    EventView,
+    "seq at kind message author service services requests request cause incarnation verb container reason fields error "
+    "seconds file crashes node bytes measures helpless shed states state requested",
+    Field(100, MORE, "string", "Everything that has no field of its own here, as JSON."),
+)
+MESSAGES = {message.name: message for message in (RECORD, REVISION, MADE, EVENT)}
+
+
+def schema() -> str:
+    """The schema, of which schemas/journal.proto is a copy."""
+    return HEAD + "".join(map(str, (REVISION, MADE, EVENT)))
 
 
 def record(value: Mapping[str, Any]) -> bytes:
@@ -198,4 +185,4 @@ if __name__ == "__main__":
     import sys
     from pathlib import Path
 
-    Path(sys.argv[1]).write_text(PROTO)
+    Path(sys.argv[1]).write_text(schema())
