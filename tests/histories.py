@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sqlite3
 import subprocess
 import time
 from collections.abc import Iterator
@@ -11,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from rorg.history.database import Database, reading
-from rorg.history.journal import Journal
+from rorg.history.journal import ABOUT, ENTRY, Journal
 from rorg.model.units import stamp
 
 
@@ -29,12 +28,7 @@ def write_many(path: Path, number: int, message: str, **more: object) -> None:
     database = Database(path, wall)
     rows = [(seq, wall(), "told", message, 0, json.dumps(more)) for seq in range(1, number + 1)]
     about = [(more["service"], seq) for seq in range(1, number + 1) if "service" in more]
-
-    def change(connection: sqlite3.Connection) -> None:
-        connection.executemany("INSERT INTO entry (seq, at, kind, message, person, more) VALUES (?,?,?,?,?,?)", rows)
-        connection.executemany("INSERT INTO about (service, seq) VALUES (?, ?)", about)
-
-    assert database.write(change)
+    assert database.write([(ENTRY, rows), (ABOUT, about)])
     database.close()
 
 

@@ -158,7 +158,7 @@ def test_a_page_that_is_damaged_is_found_and_what_is_remembered_goes_on(path):
 def test_a_file_of_a_newer_rorg_is_moved_aside(path):
     journal = owned(path)
     journal.append(NOW, "told", "first")
-    journal.database.write(lambda connection: connection.execute("PRAGMA user_version = 99") and None)
+    journal.database.write([("PRAGMA user_version = 99", [()])])
     journal.database.close()
     again = owned(path)
     again.append(NOW, "told", "first of this one")

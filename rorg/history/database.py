@@ -30,8 +30,8 @@ DAMAGED = "journal.damaged-*.db"
 KEPT_DAMAGED = 2
 """Damaged files that are kept, the newest ones."""
 SPOILT = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
-Change = Callable[[sqlite3.Connection], None]
-"""The content of a transaction. It may be called again if the disk refused it."""
+Change = Sequence[tuple[str, Sequence[Sequence[Any]]]]
+"""The content of a transaction: SQL statements, each with the rows of values to execute it for."""
 
 
 class Database:
@@ -91,7 +91,7 @@ class Database:
             self._note("journal-written", "the journal is written again")
             return True
 
-    def _carry_out(self, changes: Sequence[Change] | deque[Change]) -> bool:
+    def _carry_out(self, changes: Sequence[Change]) -> bool:
         try:
             self._transaction(changes)
         except (sqlite3.OperationalError, OSError) as error:
@@ -110,12 +110,13 @@ class Database:
         self.trouble = ""
         return True
 
-    def _transaction(self, changes: Sequence[Change] | deque[Change]) -> None:
+    def _transaction(self, changes: Sequence[Change]) -> None:
         connection = self._writer or self._open_writer()
         connection.execute("BEGIN IMMEDIATE")
         try:
             for change in changes:
-                change(connection)
+                for sql, rows in change:
+                    connection.executemany(sql, rows)
             connection.execute("COMMIT")
         except BaseException:
             with contextlib.suppress(sqlite3.Error):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sqlite3
 import threading
 from collections import Counter, deque
 from collections.abc import Callable
@@ -18,6 +17,8 @@ RECENT = 2000
 """Entries in memory, for followers, and while the disk refuses them."""
 ALL = 1 << 62
 COLUMNS = "seq, at, kind, message, more"
+ENTRY = "INSERT OR REPLACE INTO entry (seq, at, kind, message, person, more) VALUES (?,?,?,?,?,?)"
+ABOUT = "INSERT OR REPLACE INTO about (service, seq) VALUES (?, ?)"
 NAMING = ("services", "shed")
 """Fields of an entry that name services, besides `service`."""
 
@@ -86,7 +87,7 @@ class Journal:
             self._counts[kind] += 1
             row = (self._seq, at, kind, _sound(message), int(person), json.dumps(more))
             about = [(_sound(name), self._seq) for name in dict.fromkeys(named(entry))]
-            self.database.write(lambda connection: _insert(connection, row, about))
+            self.database.write([(ENTRY, [row]), (ABOUT, about)])
             followers = tuple(self._followers)
         for tell in followers:
             tell()
@@ -156,11 +157,6 @@ def named_in(more: str) -> list[str]:
     except (ValueError, TypeError, RecursionError):
         return []
     return named(found) if isinstance(found, dict) else []
-
-
-def _insert(connection: sqlite3.Connection, row: tuple[Any, ...], about: list[tuple[str, int]]) -> None:
-    connection.execute("INSERT OR REPLACE INTO entry (seq, at, kind, message, person, more) VALUES (?,?,?,?,?,?)", row)
-    connection.executemany("INSERT OR REPLACE INTO about (service, seq) VALUES (?, ?)", about)
 
 
 def _entry(row: tuple[Any, ...]) -> dict[str, Any] | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import sqlite3
 from collections.abc import Iterable, Iterator
 from typing import Any
 
@@ -33,12 +32,12 @@ class Asked:
         if text == self._last:
             return
         self._last, content = text, hashlib.sha256(text.encode()).hexdigest()[:32]
-
-        def change(connection: sqlite3.Connection) -> None:
-            connection.execute("INSERT OR IGNORE INTO asked_text (content, text) VALUES (?, ?)", (content, text))
-            connection.execute("INSERT INTO asked (at, content) VALUES (?, ?)", (at, content))
-
-        self.database.write(change)
+        self.database.write(
+            [
+                ("INSERT OR IGNORE INTO asked_text (content, text) VALUES (?, ?)", [(content, text)]),
+                ("INSERT INTO asked (at, content) VALUES (?, ?)", [(at, content)]),
+            ]
+        )
 
     def at(self, time: str) -> tuple[Request, ...]:
         """Their requests at a time."""

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import sqlite3
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from rorg.history.database import Database
+from rorg.history.database import Change, Database
 from rorg.history.journal import named_in
 from rorg.history.usage import HOUR
 
@@ -16,6 +15,22 @@ BATCH = 50
 MOST_BYTES = 256 << 20
 """Of the file. Above it, the oldest entries that are not of people go, except for the last LEAST."""
 LEAST = 1000
+REVISIONS = (
+    "DELETE FROM revision WHERE (at < ? OR number <= (SELECT max(number) FROM revision) - ?) AND number NOT IN"
+    " (SELECT max(number) FROM revision UNION SELECT max(number) FROM revision WHERE standing = 'good'"
+    " UNION SELECT max(number) FROM revision WHERE standing <> 'refused')"
+)
+"""Removes revisions except the last ones of each sort: the one in force, and the one that a rollback returns to."""
+UNUSED_MADE = "DELETE FROM made WHERE last < (SELECT min(number) FROM revision)"
+UNUSED_SPECS = "DELETE FROM spec WHERE digest NOT IN (SELECT digest FROM made)"
+REQUESTS = (
+    "DELETE FROM asked WHERE (at < ? OR number <= (SELECT max(number) FROM asked) - ?)"
+    " AND number < (SELECT max(number) FROM asked)"
+)
+"""Removes requests except the last ones."""
+UNUSED_TEXTS = "DELETE FROM asked_text WHERE content NOT IN (SELECT content FROM asked)"
+USAGE = "DELETE FROM usage WHERE hour < ? OR hour <= (SELECT hour FROM usage ORDER BY hour DESC LIMIT 1 OFFSET ?)"
+"""Removes whole hours."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,9 +64,10 @@ def trim(database: Database, retention: Retention, oldest: str, rest: Callable[[
             return
         spare -= len(gone)
         rest()
-    database.write(lambda connection: _trim_revisions(connection, retention.revisions, oldest), keep=False)
-    database.write(lambda connection: _trim_requests(connection, retention.requests, oldest), keep=False)
-    database.write(lambda connection: _trim_usage(connection, retention.usage, oldest), keep=False)
+    revisions, requests = (oldest, retention.revisions), (oldest, retention.requests)
+    database.write([(REVISIONS, [revisions]), (UNUSED_MADE, [()]), (UNUSED_SPECS, [()])], keep=False)
+    database.write([(REQUESTS, [requests]), (UNUSED_TEXTS, [()])], keep=False)
+    database.write([(USAGE, [(oldest[:HOUR], retention.usage)])], keep=False)
 
 
 def _number(database: Database, person: int) -> int:
@@ -73,41 +89,9 @@ def _size(database: Database) -> int:
     return next((size for (size,) in database.rows(f"SELECT ({used}) * page_size FROM pragma_page_size")), 0)
 
 
-def _without(gone: list[tuple[Any, ...]]) -> Callable[[sqlite3.Connection], None]:
+def _without(gone: list[tuple[Any, ...]]) -> Change:
     about = [(name, seq) for seq, _, more in gone for name in named_in(more)]
-
-    def change(connection: sqlite3.Connection) -> None:
-        connection.executemany("DELETE FROM entry WHERE seq = ?", [(seq,) for seq, _, _ in gone])
-        connection.executemany("DELETE FROM about WHERE service = ? AND seq = ?", about)
-
-    return change
-
-
-def _trim_revisions(connection: sqlite3.Connection, most: int, oldest: str) -> None:
-    """Except the last ones of each sort: the one in force, and the one that a rollback returns to."""
-    connection.execute(
-        "DELETE FROM revision WHERE (at < ? OR number <= (SELECT max(number) FROM revision) - ?) AND number NOT IN"
-        " (SELECT max(number) FROM revision UNION SELECT max(number) FROM revision WHERE standing = 'good'"
-        " UNION SELECT max(number) FROM revision WHERE standing <> 'refused')",
-        (oldest, most),
-    )
-    connection.execute("DELETE FROM made WHERE last < (SELECT min(number) FROM revision)")
-    connection.execute("DELETE FROM spec WHERE digest NOT IN (SELECT digest FROM made)")
-
-
-def _trim_requests(connection: sqlite3.Connection, most: int, oldest: str) -> None:
-    """Except the last one."""
-    connection.execute(
-        "DELETE FROM asked WHERE (at < ? OR number <= (SELECT max(number) FROM asked) - ?)"
-        " AND number < (SELECT max(number) FROM asked)",
-        (oldest, most),
-    )
-    connection.execute("DELETE FROM asked_text WHERE content NOT IN (SELECT content FROM asked)")
-
-
-def _trim_usage(connection: sqlite3.Connection, most: int, oldest: str) -> None:
-    """By whole hours."""
-    connection.execute(
-        "DELETE FROM usage WHERE hour < ? OR hour <= (SELECT hour FROM usage ORDER BY hour DESC LIMIT 1 OFFSET ?)",
-        (oldest[:HOUR], most),
-    )
+    return [
+        ("DELETE FROM entry WHERE seq = ?", [(seq,) for seq, _, _ in gone]),
+        ("DELETE FROM about WHERE service = ? AND seq = ?", about),
+    ]

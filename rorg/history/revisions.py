@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-import sqlite3
 import threading
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from rorg.history.database import Database
+from rorg.history.database import Change, Database
 
 UNDER_WAY = ("applying", "baking")
 """Standings that are not final."""
@@ -86,14 +85,13 @@ class Revisions:
             if new.standing != "refused":
                 self._services = new.services
             self._number = number
-        self.database.write(lambda connection: _begin(connection, new, before))
+        self.database.write(_begin(new, before))
         return new
 
     def settle(self, number: int, standing: str, reason: str, at: str) -> None:
         """Record a new standing."""
-        row = (standing, reason, at, number)
         sql = "UPDATE revision SET standing = ?, reason = ?, settled_at = ? WHERE number = ?"
-        self.database.write(lambda connection: _execute(connection, sql, row))
+        self.database.write([(sql, [(standing, reason, at, number)])])
 
     def note_images(self, number: int, images: Mapping[str, str]) -> None:
         """Record the engine's image ids of services, once they are known."""
@@ -106,7 +104,7 @@ class Revisions:
             known = dict(self._last_services())
             told = {n: i for n, i in images.items() if n in known and not known[n].image_id}
             self._services = known | {n: replace(known[n], image_id=i) for n, i in told.items()}
-        self.database.write(lambda connection: _execute_many(connection, sql, rows))
+        self.database.write([(sql, rows)])
 
     def _next(self) -> int:
         if self._number is None:
@@ -163,40 +161,34 @@ class Revisions:
         return {name: Made(*of) for name, *of in self.database.rows(sql, args)}
 
 
-def _begin(connection: sqlite3.Connection, new: Revision, before: Mapping[str, Made]) -> None:
+def _begin(new: Revision, before: Mapping[str, Made]) -> Change:
+    """Of the services, only those are written that are made differently than before."""
     row = (new.number, new.at, new.fingerprint, new.commit, new.author, new.subject, int(new.dirty), new.robot)
     more = (new.standing, new.reason, new.settled_at, new.plan, json.dumps(new.errors))
-    if new.standing != "refused":
-        _execute(
-            connection,
-            f"UPDATE revision SET standing = 'superseded', reason = ?, settled_at = ? WHERE standing IN {UNDER_WAY}",
-            (f"revision {new.number} replaced it before it was proven", new.at),
-        )
-        _make(connection, new, before)
-    _execute(
-        connection, f"INSERT OR REPLACE INTO revision ({COLUMNS}) VALUES (?,?,?,?,?,?,?,?,?,?,?,?,?)", (*row, *more)
-    )
-
-
-def _make(connection: sqlite3.Connection, new: Revision, before: Mapping[str, Made]) -> None:
-    """Write only the services that are made differently than before."""
+    insert = f"INSERT OR REPLACE INTO revision ({COLUMNS}) VALUES (?,?,?,?,?,?,?,?,?,?,?,?,?)", [(*row, *more)]
+    if new.standing == "refused":
+        return [insert]
     gone = [name for name, made in before.items() if new.services.get(name) != made]
     made = [(name, of) for name, of in new.services.items() if before.get(name) != of]
-    _execute_many(
-        connection,
-        "UPDATE made SET last = ? WHERE service = ? AND last IS NULL",
-        [(new.number - 1, name) for name in gone],
-    )
-    _execute_many(
-        connection,
-        "INSERT OR REPLACE INTO made (service, first, digest, image, image_id, edition) VALUES (?,?,?,?,?,?)",
-        [(name, new.number, of.digest, of.image, of.image_id, of.edition) for name, of in made],
-    )
-    _execute_many(
-        connection,
-        "INSERT OR IGNORE INTO spec (digest, declared) VALUES (?, ?)",
-        sorted({(of.digest, of.declared) for _, of in made}),
-    )
+    return [
+        (
+            f"UPDATE revision SET standing = 'superseded', reason = ?, settled_at = ? WHERE standing IN {UNDER_WAY}",
+            [(f"revision {new.number} replaced it before it was proven", new.at)],
+        ),
+        (
+            "UPDATE made SET last = ? WHERE service = ? AND last IS NULL",
+            [(new.number - 1, name) for name in gone],
+        ),
+        (
+            "INSERT OR REPLACE INTO made (service, first, digest, image, image_id, edition) VALUES (?,?,?,?,?,?)",
+            [(name, new.number, of.digest, of.image, of.image_id, of.edition) for name, of in made],
+        ),
+        (
+            "INSERT OR IGNORE INTO spec (digest, declared) VALUES (?, ?)",
+            sorted({(of.digest, of.declared) for _, of in made}),
+        ),
+        insert,
+    ]
 
 
 def _revision(row: tuple[Any, ...]) -> Revision:
@@ -206,11 +198,3 @@ def _revision(row: tuple[Any, ...]) -> Revision:
     except (ValueError, TypeError):
         told = ()
     return Revision(**{**said, "dirty": bool(said["dirty"]), "errors": told})
-
-
-def _execute(connection: sqlite3.Connection, sql: str, row: tuple[Any, ...]) -> None:
-    connection.execute(sql, row)
-
-
-def _execute_many(connection: sqlite3.Connection, sql: str, rows: Iterable[tuple[Any, ...]]) -> None:
-    connection.executemany(sql, rows)

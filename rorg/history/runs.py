@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import json
-import sqlite3
 from collections.abc import Collection, Mapping
 from typing import Any
 
-from rorg.history.database import Database
+from rorg.history.database import Change, Database
 
 
 class Runs:
@@ -37,11 +36,10 @@ class Runs:
         new = {name: text for name, text in texts.items() if self._written.get(name) != text}
         if not new and not gone:
             return True
-
-        def change(connection: sqlite3.Connection) -> None:
-            connection.executemany("DELETE FROM run WHERE service = ?", [(name,) for name in gone])
-            connection.executemany("INSERT OR REPLACE INTO run (service, text) VALUES (?, ?)", list(new.items()))
-
+        change: Change = [
+            ("DELETE FROM run WHERE service = ?", [(name,) for name in gone]),
+            ("INSERT OR REPLACE INTO run (service, text) VALUES (?, ?)", [*new.items()]),
+        ]
         if not self.database.write(change, keep=False):
             return False
         self._written = {name: text for name, text in (self._written | new).items() if name not in gone}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sqlite3
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -45,12 +44,8 @@ class UsageTable:
     def note(self, at: str, found: Sequence[Measured]) -> None:
         """Add the measurements up to a time (ISO 8601 in UTC). If the disk refuses them, they are lost."""
         rows = [(at[:HOUR], m.service, m.run, m.seconds, m.cpu, m.seconds * m.memory, m.memory) for m in found]
-
-        def change(connection: sqlite3.Connection) -> None:
-            connection.executemany(UPSERT, rows)
-
         if rows:
-            self.database.write(change, keep=False)
+            self.database.write([(UPSERT, rows)], keep=False)
 
     def since(self, time: str) -> list[dict[str, Any]]:
         """For each service since the hour of a time: the number of runs, seconds in all, average cores and bytes, and
