@@ -251,7 +251,7 @@ class RealRobot(VirtualRobot):
         return (
             decision is not None
             and not (decision.plan.actions or decision.plan.waitings)
-            and (not self.loop.memory.in_flight and self.loop.publisher.due() is None)
+            and (not self.loop.running.memory.in_flight and self.loop.publisher.due() is None)
         )
 
     def containers(self):

@@ -248,7 +248,7 @@ def test_a_process_whose_name_is_no_text_is_in_nobodys_way(robot):
         robot.declare({"cam": {}})
         robot.request("cam")
         robot.wait(lambda: robot.active() == {"cam"})
-        robot.wait(lambda: robot.loop.use().get("cam", (0.0, 0))[1] > 0)
+        robot.wait(lambda: robot.loop.running.use().get("cam", (0.0, 0))[1] > 0)
         robot.release()
         robot.wait(lambda: robot.active() == set())
         assert not any("failed" in line for line in robot.lines)
@@ -310,8 +310,8 @@ def test_an_action_after_which_the_engine_cannot_be_looked_at_has_an_outcome(rob
     with monkeypatch.context() as patch:
         patch.setattr(robot.loop.observer, "refresh", broken)
         robot.request("aa")
-        robot.wait(lambda: any("> start aa" in line for line in robot.lines) or not robot.loop.memory.in_flight)
-        wait_for(lambda: not robot.loop.memory.in_flight)
+        robot.wait(lambda: any("> start aa" in line for line in robot.lines) or not robot.loop.running.memory.in_flight)
+        wait_for(lambda: not robot.loop.running.memory.in_flight)
     robot.loop.observer.sync()
     robot.wait(lambda: robot.active() == {"aa"})
 

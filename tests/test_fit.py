@@ -165,8 +165,8 @@ def test_a_real_robot_measures_and_writes(request, tmp_path):
     robot.request("busy")
     robot.wait(lambda: robot.active() == {"busy"})
     recorder = next(t for t in robot.loop.threads if isinstance(t, UsageRecorder))
-    robot.wait(lambda: recorder.running() and robot.loop.use()["busy"][0] > 0.5)
-    used, since = robot.loop.use()["busy"][0], recorder.running()[0][1]
+    robot.wait(lambda: recorder.running() and robot.loop.running.use()["busy"][0] > 0.5)
+    used, since = robot.loop.running.use()["busy"][0], recorder.running()[0][1]
     recorder.clock = lambda: since + 100.0
     robot.release()
     robot.wait(lambda: not robot.active())

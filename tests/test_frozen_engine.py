@@ -153,10 +153,10 @@ def test_no_call_is_made_of_a_silent_engine_and_hung_ones_go_on(robot, dockerd):
         passes = robot.loop.passes
         with client.request("lidar", id="meanwhile"):
             wait_for(lambda: robot.loop.passes > passes, 60, "a pass beside a hung call")
-        assert len(robot.loop.memory.in_flight) <= 1
+        assert len(robot.loop.running.memory.in_flight) <= 1
     run = client.service("arm")["incarnation"]
     robot.wait(lambda: client.service("arm")["health"] == "Healthy")
-    robot.wait(lambda: client.service("arm")["incarnation"] != run or not robot.loop.memory.in_flight)
+    robot.wait(lambda: client.service("arm")["incarnation"] != run or not robot.loop.running.memory.in_flight)
 
 
 def test_a_read_is_given_up_when_the_engine_does_not_answer_a_ping(dockerd):

@@ -97,7 +97,7 @@ def test_a_start_that_hangs_delays_no_other_service_on_docker(docker_robot, dock
         robot.wait(lambda: state("camera") == "running")
         took = time.monotonic() - began
         robot.release("look")
-        robot.wait(lambda: state("camera") == "paused" and "camera" not in robot.loop.memory.in_flight)
+        robot.wait(lambda: state("camera") == "paused" and "camera" not in robot.loop.running.memory.in_flight)
         return took
 
     response()
@@ -105,9 +105,9 @@ def test_a_start_that_hangs_delays_no_other_service_on_docker(docker_robot, dock
     hold.touch()
     try:
         robot.request("stuck", id="one")
-        robot.wait(lambda: "stuck" in robot.loop.memory.in_flight)
+        robot.wait(lambda: "stuck" in robot.loop.running.memory.in_flight)
         meanwhile = sorted(response() for _ in range(9))[4]
-        assert "stuck" in robot.loop.memory.in_flight, "the start was over: nothing was shown"
+        assert "stuck" in robot.loop.running.memory.in_flight, "the start was over: nothing was shown"
         assert meanwhile < 2 * quiet + 0.1
         # Even a rorg that starts now sees all others.
         assert {c.service for c in robot.engine.list()} == {"stuck", "camera"}
@@ -134,10 +134,10 @@ def test_a_stop_that_takes_long_delays_no_request_on_docker(docker_robot):
     robot.wait(lambda: b"deaf" in b"".join(robot.engine.logs(robot.container("deaf").id, False, None)))
     robot.settle()
     robot.release()
-    robot.wait(lambda: robot.states()["camera"] == "paused" and "deaf" in robot.loop.memory.in_flight)
+    robot.wait(lambda: robot.states()["camera"] == "paused" and "deaf" in robot.loop.running.memory.in_flight)
     robot.request("camera", id="again")
     robot.wait(lambda: "camera" in robot.active(), 30)
-    assert "deaf" in robot.loop.memory.in_flight, "the slow stop was over: nothing was shown"
+    assert "deaf" in robot.loop.running.memory.in_flight, "the slow stop was over: nothing was shown"
     robot.kill("deaf")
     robot.wait(lambda: robot.states()["deaf"] == "exited")
 

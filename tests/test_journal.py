@@ -391,16 +391,16 @@ def test_crashes_are_counted_and_back_off_goes_on_over_a_restart_of_rorg(robot):
     robot.wait(lambda: robot.active() == {"arm"})
     for number in (1, 2):
         robot.kill("arm")
-        robot.wait(lambda n=number: robot.loop.memory.of("arm").crashes == n and robot.active() == {"arm"})
+        robot.wait(lambda n=number: robot.loop.running.memory.of("arm").crashes == n and robot.active() == {"arm"})
     robot.stop()
     said = len([e for e in entries(robot.state.journal) if e["kind"] == "crashed"])
     robot.start()
     robot.settle()
-    step = robot.loop.memory.of("arm")
+    step = robot.loop.running.memory.of("arm")
     assert (step.crashes, step.exits) == (2, 2)
     robot.kill("arm")
-    robot.wait(lambda: robot.loop.memory.of("arm").crashes == 3)
-    assert robot.loop.memory.of("arm").exits == 3
+    robot.wait(lambda: robot.loop.running.memory.of("arm").crashes == 3)
+    assert robot.loop.running.memory.of("arm").exits == 3
     robot.wait(lambda: len([e for e in entries(robot.state.journal) if e["kind"] == "crashed"]) == said + 1 == 3)
 
 
@@ -409,12 +409,12 @@ def test_lingering_goes_on_over_a_restart_of_rorg(robot):
     robot.request("camera")
     robot.wait(lambda: robot.active() == {"camera"})
     robot.release()
-    robot.wait(lambda: robot.loop.memory.of("camera").unwanted_since is not None)
-    since = robot.loop.memory.of("camera").unwanted_since
+    robot.wait(lambda: robot.loop.running.memory.of("camera").unwanted_since is not None)
+    since = robot.loop.running.memory.of("camera").unwanted_since
     robot.stop()
     robot.start()
     robot.wait(lambda: robot.loop.decision and robot.loop.decision.situation.observed.complete)
-    assert abs(robot.loop.memory.of("camera").unwanted_since - since) < 0.1
+    assert abs(robot.loop.running.memory.of("camera").unwanted_since - since) < 0.1
     assert robot.active() == {"camera"}
 
 

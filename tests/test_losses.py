@@ -97,7 +97,7 @@ def test_a_loss_while_rorg_is_away_is_told_with_its_cause(real_robot, happens):
     if happens == "held":
         robot.wait(lambda: not robot.active() & {"aa", "bb"})
     else:
-        robot.wait(lambda: all(robot.loop.memory.of(name).ready for name in runs))
+        robot.wait(lambda: all(robot.loop.running.memory.of(name).ready for name in runs))
         robot.settle()
     told = robot.loop.recorder.journal.select(Filter(kinds=frozenset({"lost"})), 100)
     found = {(e["service"], e["cause"], e["incarnation"]) for e in told}

@@ -38,7 +38,7 @@ def go(robot: RealRobot, name: str) -> None:
     robot.release()
     robot.declare({"base": {"always_on": True}})
     robot.change(lambda document: replace(document, removals=(name,)))
-    robot.wait(lambda: name not in robot.loop.memory.progress and not robot.loop.leases.document().removals)
+    robot.wait(lambda: name not in robot.loop.running.memory.progress and not robot.loop.leases.document().removals)
 
 
 def kept() -> list[tuple[str, int]]:
@@ -60,10 +60,10 @@ def test_what_comes_and_goes_leaves_nothing_in_memory(robot):
     for number, name in enumerate(NAMES):
         if number % 2:
             come(robot, name, **CRASHING)
-            robot.wait(lambda name=name: robot.loop.memory.of(name).crashes > 0)
+            robot.wait(lambda name=name: robot.loop.running.memory.of(name).crashes > 0)
         else:
             come(robot, name, **CALM)
-            robot.wait(lambda name=name: robot.loop.memory.of(name).ready)
+            robot.wait(lambda name=name: robot.loop.running.memory.of(name).ready)
         robot.client(name, patience=30.0).service(name)
         go(robot, name)
     robot.settle()
@@ -73,7 +73,7 @@ def test_what_comes_and_goes_leaves_nothing_in_memory(robot):
 def test_one_that_is_declared_again_has_not_crashed(robot):
     for _ in range(2):
         come(robot, "lab", **CRASHING)
-        robot.wait(lambda: robot.loop.memory.of("lab").crashes > 0)
+        robot.wait(lambda: robot.loop.running.memory.of("lab").crashes > 0)
         go(robot, "lab")
     told = [e["message"] for e in robot.loop.recorder.journal.since(0) if e["kind"] == "crashed"]
     assert told

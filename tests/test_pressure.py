@@ -287,8 +287,8 @@ def test_a_machine_over_its_budget_comes_back_under_it_on_docker(dockerd, slice_
 
 def over(robot, budget: dict) -> bool:
     """Whether the services, which are what rorg can do something about, use more than the budget."""
-    before, began = robot.loop.use(), time.monotonic()
+    before, began = robot.loop.running.use(), time.monotonic()
     wait_for(lambda: time.monotonic() > began + 0.5)
-    after = robot.loop.use()
+    after = robot.loop.running.use()
     cpu = sum(after[n][0] - before[n][0] for n in after if n in before) / (time.monotonic() - began)
     return cpu > budget["cpu"] or robot.loop.sampler.latest.memory > budget.get("memory", float("inf"))

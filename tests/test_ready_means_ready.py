@@ -77,7 +77,7 @@ def test_no_run_that_is_being_ended_is_called_ready(robot):
     assert api.ask("GET", "/v1/wait?services=slow&timeout=60")[0] == 200
     first = robot.container("slow").incarnation
     api.ask("DELETE", "/v1/requests/a")
-    robot.wait(lambda: "slow" in robot.loop.memory.in_flight)
+    robot.wait(lambda: "slow" in robot.loop.running.memory.in_flight)
     generation = api.ask("PUT", "/v1/requests/b", {"services": ["slow"]})[2]["generation"]
     assert api.ask("GET", f"/v1/services/slow?not_before={generation}")[2]["health"] == "Progressing"
     status, _, told = api.ask("GET", "/v1/wait?services=slow&timeout=60")
@@ -224,7 +224,7 @@ def test_a_question_without_time_is_answered_from_the_last_probe_of_this_run(rob
         status, _, told = api.ask("GET", question)
         assert status == 200, told
         assert {name: one["incarnation"] for name, one in told["services"].items()} == runs
-    wait_for(lambda: robot.loop.clock() > robot.loop.memory.of("arm").answered + 0.05, what="its answer is old")
+    wait_for(lambda: robot.loop.clock() > robot.loop.running.memory.of("arm").answered + 0.05, what="its answer is old")
     status, _, told = api.ask("GET", "/v1/wait?services=arm&services=idle&timeout=0")
     assert status == 504, "nobody requests all of them"
     assert {name: one["ready"] for name, one in told["services"].items()} == {"arm": True, "cam": True, "idle": False}
@@ -253,7 +253,7 @@ def test_a_question_without_time_does_not_wait_for_a_probe_that_hangs(robot, tmp
     assert api.ask("GET", "/v1/wait?services=cam&timeout=60")[0] == 200
     code, said = robot.engine.exec(robot.container("cam").id, ["python3", "-c", f"open('{hang}', 'w')"], 10)
     assert code == 0, said
-    answered = robot.loop.memory.of("cam").answered
+    answered = robot.loop.running.memory.of("cam").answered
     wait_for(lambda: robot.loop.clock() > answered + 0.05)
     began = time.monotonic()
     status, _, told = api.ask("GET", "/v1/wait?services=cam&timeout=0")

@@ -63,7 +63,7 @@ def test_no_process_of_this_machine_is_taken_for_a_containers(remote, victim, tm
     containers = remote.containers()
     assert {c.pid for c in containers} == {0}
     assert remote.engine.usage(containers) == {}
-    assert remote.loop.use() == {}
+    assert remote.loop.running.use() == {}
     remote.release("idler")
     remote.wait(lambda: remote.states()["idler"] == "paused")
     filer = remote.container("filer").id
@@ -167,4 +167,4 @@ def test_two_containers_of_one_service_use_what_both_use(tmp_path):
     now[0] = 4.0
     loop.observer.sync()
     wait_for(lambda: len(loop.observer.snapshot().containers) == 2)
-    assert loop.use() == {"camera": (3.0, 200)}
+    assert loop.running.use() == {"camera": (3.0, 200)}

@@ -87,7 +87,7 @@ def test_a_changed_value_is_set_without_a_restart_and_one_set_by_hand_stays(dock
     docker_robot.stop()
     ros_master.call(master, "setParam", "/test", "/move_base/max_vel", 0.75)
     docker_robot.start()
-    docker_robot.wait(lambda: docker_robot.loop.memory.of("talker").parameters)
+    docker_robot.wait(lambda: docker_robot.loop.running.memory.of("talker").parameters)
     assert parameter(master, "/move_base/max_vel") == 0.75, "a new rorg sets nothing again"
 
     changed = {"ros": {"parameters": {**VALUES, "/move_base/max_vel": 0.25}}}

@@ -46,7 +46,7 @@ def goes_back(robot, before: tuple[str, str]) -> None:
 
 
 def on_trial(robot, before: tuple[str, str]) -> bool:
-    step = robot.loop.memory.of("arm")
+    step = robot.loop.running.memory.of("arm")
     return step.well_since is not None and not step.incarnation.startswith(before[0][:12])
 
 
@@ -166,7 +166,7 @@ def test_a_failure_that_is_reverted_at_once_stays_one(real_robot):
     robot.declare({"arm": ON})
     robot.wait(lambda: standings(robot)[-1:] == [("good", "")])
     robot.declare({"arm": {**ON, "command": dies_after(0.1), "update": {"bake": "20s"}}})
-    robot.wait(lambda: robot.loop.memory.of("arm").update.quarantined)
+    robot.wait(lambda: robot.loop.running.memory.of("arm").update.quarantined)
     robot.declare({"arm": ON})
     robot.wait(lambda: len(standings(robot)) == 3 and standings(robot)[-1][0] == "good")
     assert standings(robot)[1] == ("failed", "arm: ended with exit code 7")
@@ -188,19 +188,19 @@ def test_changes_and_reverts_during_a_bake_are_no_crashes(real_robot):
         more = {"environment": {"N": str(n)}} if n else {}
         robot.declare({"arm": {**stops, "container": {**stops["container"], **more}}})
         robot.wait(lambda more=more: serves(robot, "arm", more.get("environment", {})))
-    step = robot.loop.memory.of("arm")
+    step = robot.loop.running.memory.of("arm")
     assert (step.crashes, step.exits, step.error) == (0, 0, "")
     assert not [line for line in robot.lines if "unexpected" in line]
 
 
 def serves(robot, name: str, environment: dict[str, str]) -> bool:
     """What is declared has been read and runs, and rorg has nothing under way."""
-    desired, step = robot.loop.tree.desired, robot.loop.memory.of(name)
+    desired, step = robot.loop.tree.desired, robot.loop.running.memory.of(name)
     said = desired.catalog.services[name].spec.get("environment", {})
     return (
         said.get("N") == environment.get("N")
         and robot.container(name).digest == desired.digests[name]
         and step.well_since is not None
         and step.update.edition == desired.editions[name]
-        and not robot.loop.memory.in_flight
+        and not robot.loop.running.memory.in_flight
     )

@@ -140,7 +140,7 @@ class Operations:
 
     def container_of(self, name: str) -> Container | None:
         """The container of a service that counts, as seen last."""
-        return self._loop.container_of(name)
+        return self._loop.running.container_of(name)
 
     def on_decision(self, call: Callable[[], None]) -> None:
         """`call` is called after each pass of the loop, in its thread."""
@@ -185,7 +185,9 @@ class Operations:
         """CPU seconds and bytes of each running service, and of the machine. Reads files of the kernel."""
         return {
             "at": time.time(),
-            "services": {n: {"cpu_seconds": round(c, 4), "memory": m} for n, (c, m) in self._loop.use().items()},
+            "services": {
+                n: {"cpu_seconds": round(c, 4), "memory": m} for n, (c, m) in self._loop.running.use().items()
+            },
             "machine": machine(),
         }
 

@@ -5,23 +5,38 @@ from __future__ import annotations
 import time
 import traceback
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Protocol
 
 from rorg.core.decide import Decision, decide
 from rorg.core.desired import Desired, teardown
 from rorg.core.dispatch import DispatchLimits, finish
 from rorg.core.inputs import Inputs
-from rorg.core.memory import Memory
+from rorg.daemon.generations import Generations
+from rorg.daemon.image_manager import ImageManager
 from rorg.daemon.learner import Learner
-from rorg.daemon.parts import Collaborators
+from rorg.daemon.leases import Leases
+from rorg.daemon.publisher import Publisher
+from rorg.daemon.recorder import Recorder
 from rorg.daemon.reporter import Reporter
-from rorg.host.devices import elsewhere
+from rorg.daemon.ros_watch import RosWatch
+from rorg.daemon.running import Running
+from rorg.daemon.shared_memory import ShmPurger
+from rorg.daemon.tree import Tree
+from rorg.daemon.wakes import Wakes
+from rorg.daemon.workers import Workers
+from rorg.engines.observe import Observer
+from rorg.engines.protocol import Engine
+from rorg.host.devices import DeviceWatch, elsewhere
+from rorg.host.load import Sampler
 from rorg.model.devices import Device, Plugged
 from rorg.model.objects import is_object
 from rorg.model.units import parse_time
+from rorg.probes.prober import Prober
 from rorg.store.engine_record import EngineRecord, record_engine
 from rorg.store.last_good import read_kept, write_kept
 from rorg.store.requests_document import RequestsDocument
+from rorg.store.state_dir import StateDir
 
 SOON = 0.05
 """Seconds until a tree that was being written is read again."""
@@ -35,29 +50,52 @@ AGAIN = 1.0
 """Seconds after a pass that a bug has ended."""
 
 
+class Thread(Protocol):
+    """Something that runs beside the loop."""
+
+    def start(self) -> None: ...
+    def stop(self) -> None: ...
+
+
+@dataclass(eq=False, repr=False, kw_only=True)
 class Loop:
     """Owns the state directory while it runs. `clock` gives monotonic seconds, `wall` seconds since the epoch."""
 
-    def __init__(
-        self, parts: Collaborators, owner: str, clock: Callable[[], float], wall: Callable[[], float], booted_at: str
-    ) -> None:
-        self.state, self.tree, self.engine, self.observer = parts.state, parts.tree, parts.engine, parts.observer
-        self.prober, self.sampler, self.ros, self.workers = parts.prober, parts.sampler, parts.ros, parts.workers
-        self.leases, self.recorder, self.publisher = parts.leases, parts.recorder, parts.publisher
-        self.generations, self.wakes, self.threads = parts.generations, parts.wakes, parts.threads
-        self.images, self.devices, self.shm = parts.images, parts.devices, parts.shm
-        self.owner, self.clock, self.wall, self.booted_at = owner, clock, wall, booted_at
-        self.learner = Learner(parts.state.path, self.recorder.journal, clock, wall())
+    state: StateDir
+    tree: Tree
+    engine: Engine
+    observer: Observer
+    prober: Prober
+    sampler: Sampler
+    running: Running
+    ros: RosWatch
+    shm: ShmPurger
+    workers: Workers
+    leases: Leases
+    recorder: Recorder
+    publisher: Publisher
+    devices: DeviceWatch
+    images: ImageManager | None
+    """None if the engine needs no images."""
+    generations: Generations
+    wakes: Wakes
+    threads: tuple[Thread, ...]
+    """They run as long as the loop does."""
+    owner: str
+    clock: Callable[[], float]
+    wall: Callable[[], float]
+    booted_at: str
+
+    def __post_init__(self) -> None:
+        self.learner = Learner(self.state.path, self.recorder.journal, self.clock, self.wall())
         self.questions: dict[object, Mapping[str, float]] = {}
         """Services that clients ask about or wait for, each with the time (`clock`) since when the answers of its probe
         count. If there is no such answer the probe is asked again."""
-        found = self.recorder.historian.remembered(clock(), self.epoch, parse_time(booted_at))
+        found = self.recorder.historian.remembered(self.clock(), self.epoch, parse_time(self.booted_at))
         self.recorder.begin(found)
-        self.reporter = Reporter(self.recorder, self.engine, clock, found)
-        self.running, self.use = parts.running, parts.running.use
-        self.container_of = parts.running.container_of
-        self.memory = replace(found, kept=read_kept(self.state.path))
-        self.tree.masker.learn(self.memory.kept.catalog)
+        self.reporter = Reporter(self.recorder, self.engine, self.clock, found)
+        self.running.memory = replace(found, kept=read_kept(self.state.path))
+        self.tree.masker.learn(self.running.memory.kept.catalog)
         self.dispatch = DispatchLimits()
         """Used if the Policy sets none."""
         self.passes = 0
@@ -72,15 +110,6 @@ class Loop:
         self._bound = False
         """Whether the state directory has the engine of its containers."""
         self._stopping = False
-
-    @property
-    def memory(self) -> Memory:
-        """What the last pass hands to the next one, and to the threads beside the loop."""
-        return self.running.memory
-
-    @memory.setter
-    def memory(self, memory: Memory) -> None:
-        self.running.memory = memory
 
     @property
     def epoch(self) -> float:
@@ -173,7 +202,7 @@ class Loop:
         decision = decide(self._without_all(inputs) if document.down else inputs)
         self.leases.settle(decision, renewals)
         self._keep(decision)
-        self.memory, self.decision, self.inputs = decision.memory, decision, inputs
+        self.running.memory, self.decision, self.inputs = decision.memory, decision, inputs
         self.generations.acted = self.generations.read(upto, not self.wakes.files)
         for action in decision.begin:
             self.workers.begin(action)
@@ -187,7 +216,7 @@ class Loop:
             self.shm.look(decision.situation)
         self.learner.note(decision.memory.prediction.learned)
         if not document.down:  # a robot that is down says nothing about its manifests
-            self.recorder.historian.note(decision, self.memory, self.tree, self.epoch)
+            self.recorder.historian.note(decision, decision.memory, self.tree, self.epoch)
         self.tree.standing = self.recorder.historian.standing
         self.reporter.report(decision, self.tree, self.leases.file)
         self.publisher.publish(decision, self.tree, self.leases.file)
@@ -201,7 +230,7 @@ class Loop:
             restarts=document.restarts,
             observed=self.observer.snapshot(),
             results=self.prober.results(),
-            memory=self.memory,
+            memory=self.running.memory,
             now=self.clock(),
             owner=self.owner,
             engine=self.engine.capabilities,
@@ -231,7 +260,7 @@ class Loop:
     def _without_all(self, inputs: Inputs) -> Inputs:
         """The inputs of a robot that is taken down: nothing is requested, and everything may be removed."""
         if self._down is None or self._down[0] is not inputs.desired:
-            self._down = inputs.desired, teardown(inputs.desired, self.memory.kept.catalog)
+            self._down = inputs.desired, teardown(inputs.desired, self.running.memory.kept.catalog)
         return replace(inputs, desired=self._down[1], requests=(), restarts={}, holds={}, removals=True, down=True)
 
     @property
@@ -249,7 +278,7 @@ class Loop:
     def _keep(self, decision: Decision) -> None:
         """Write down what is declared, and what was, before acting on another tree; and the engine, before anything is
         made there."""
-        before, kept = self.memory.kept, decision.memory.kept
+        before, kept = self.running.memory.kept, decision.memory.kept
         try:
             if not self._bound and (decision.begin or decision.situation.observed.containers):
                 record_engine(self.state, EngineRecord(self.engine.name, self.engine.address))
@@ -276,6 +305,6 @@ class Loop:
 
     def _take_outcomes(self) -> None:
         if outcomes := self.workers.take():
-            self.memory = finish(self.memory, outcomes, self.clock())
+            self.running.memory = finish(self.running.memory, outcomes, self.clock())
             if self.images and any(o.missing for o in outcomes):
                 self.images.check()

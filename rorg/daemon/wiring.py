@@ -13,8 +13,7 @@ from rorg.daemon.generations import Generations
 from rorg.daemon.git_source import GitSource
 from rorg.daemon.image_manager import ImageManager
 from rorg.daemon.leases import Leases
-from rorg.daemon.loop import Loop
-from rorg.daemon.parts import Collaborators, Thread
+from rorg.daemon.loop import Loop, Thread
 from rorg.daemon.publisher import Publisher
 from rorg.daemon.recorder import Recorder
 from rorg.daemon.ros_watch import RosWatch
@@ -90,7 +89,7 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
     maintenance = Maintenance(recorder.history, recorder.event, lambda: _retention(tree), time.time)
     bringers = [maintenance, *_bringers(tree.source, images, recorder, wakes)]
     notified = Wakeup(state.path, wakes.requests_changed)
-    parts = Collaborators(
+    return Loop(
         state=state,
         tree=tree,
         engine=engine,
@@ -110,8 +109,11 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
         generations=Generations(int(time.time() * 1000)),
         wakes=wakes,
         threads=(*bringers, prober, sampler, usage, ros, shm, devices, watcher, notified, observer),
+        owner=owner,
+        clock=clock,
+        wall=time.time,
+        booted_at=booted_at(),
     )
-    return Loop(parts, owner, clock, time.time, booted_at())
 
 
 def _retention(tree: Tree) -> Retention:

@@ -247,7 +247,7 @@ class Player:
         service = self.catalog.services.get(requester)
         if service is None or service.meta:
             return None
-        return self.loop.memory.of(requester).incarnation if self._ready(requester) else ""
+        return self.loop.running.memory.of(requester).incarnation if self._ready(requester) else ""
 
     # -- called by the loop, in its thread ---------------------------------------------------------------------
 

@@ -87,7 +87,9 @@ def test_response_on_docker_at_41_services(dockerd, tmp_path):
                 ours += timed(once, 1)
                 robot.release()
                 wait_for(
-                    lambda name=name, state=state: state() != "running" and name not in robot.loop.memory.in_flight
+                    lambda name=name, state=state: (
+                        state() != "running" and name not in robot.loop.running.memory.in_flight
+                    )
                 )
                 theirs += timed(lambda call=call: call(bare), 1)
                 away(bare)
@@ -130,12 +132,12 @@ def test_a_request_while_41_services_are_replaced(dockerd, tmp_path):
         for n in range(1, 42):
             specs[f"s{n:02}"]["container"] = {"environment": {"VERSION": "2"}}
         robot.declare(specs)
-        wait_for(lambda: any(f.action.part_of for f in robot.loop.memory.in_flight.values()), 10)
+        wait_for(lambda: any(f.action.part_of for f in robot.loop.running.memory.in_flight.values()), 10)
         found = []
         while len({c.id for c in robot.loop.observer.snapshot().containers} & old) > 1:
             found += timed(once, 1)
             robot.release()
-            wait_for(lambda: state() != "running" and "s00" not in robot.loop.memory.in_flight)
+            wait_for(lambda: state() != "running" and "s00" not in robot.loop.running.memory.in_flight)
         show("request to resumed while 41 are replaced", sorted(found))
         robot.wait(lambda: len({c.id for c in robot.containers()} & old) == 1 and len(robot.containers()) == 42, 120)
     finally:
