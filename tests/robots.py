@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import threading
@@ -17,6 +18,9 @@ from conftest import BASE_IMAGE, wait_for
 
 from rorg.api.server import make_server
 from rorg.client import Client
+from rorg.core.decide import Decision
+from rorg.core.memory import Memory
+from rorg.daemon.saved_memory import remembered, saved_progress
 from rorg.daemon.wiring import make_loop
 from rorg.engines.make import make_engine
 from rorg.host.load import Meter
@@ -64,6 +68,12 @@ def write_tree(root: Path, services: dict[str, dict], **kinds: dict[str, dict]) 
             if not path.exists() or path.read_text() != text:
                 path.write_text(text)
     return root
+
+
+def handed_on(decision: Decision) -> Memory:
+    """What the next rorg knows of a decision."""
+    texts = json.dumps({name: saved_progress(step, 0.0) for name, step in decision.memory.progress.items()})
+    return remembered(json.loads(texts), decision.situation.now, 0.0, 0.0)
 
 
 class VirtualRobot:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import json
 import os
 import signal
 import subprocess
@@ -14,14 +13,15 @@ from dataclasses import replace
 
 import pytest
 from conftest import wait_for
-from robots import RealRobot, VirtualRobot, write_tree
+from robots import RealRobot, VirtualRobot, handed_on, write_tree
 from rorg_process import RorgProcess
 from test_giving_way import later
 
 from rorg.core.digest import Rules, declared_of, rules_of
 from rorg.core.memory import Memory
 from rorg.core.observed import Container
-from rorg.daemon.snapshot import restore, snapshot
+from rorg.daemon.saved_memory import remembered
+from rorg.daemon.snapshot import snapshot
 from rorg.engines.observe import Observer
 from rorg.engines.process.engine import ProcessEngine
 
@@ -39,10 +39,9 @@ def virtual(tmp_path):
 
 
 def another_rorg(virtual) -> None:
-    """The one of now is killed; the next one finds what it had published."""
-    view = json.loads(json.dumps(snapshot(virtual.sim.decision, {})))
+    """The one of now is killed; the next one finds what it had kept."""
     virtual.sim._events.clear()
-    virtual.sim.memory = restore(view)
+    virtual.sim.memory = handed_on(virtual.sim.decision)
 
 
 # -- an rorg that begins again ---------------------------------------------------------------------------------
@@ -75,23 +74,22 @@ def test_a_restart_that_is_cut_in_halves_is_finished(virtual, restart):
 
 
 @pytest.mark.parametrize(
-    "view",
+    "kept",
     [
         None,
         [1],
-        {"runs": 5},
-        {"runs": {"arm": 5}},
-        {"runs": {"arm": {"run": "x"}}},
-        {"runs": {"arm": {"run": 1, "needs": ["core"]}}},
-        {"runs": {"arm": {"needs": {"core": 5}, "stopped": []}}},
+        5,
         "x",
+        {"run": "x"},
+        {"run": 1, "needs": ["core"]},
+        {"needs": {"core": 5}, "stopped": [], "tries": {"start": [1, "x", None]}, "content": 5, "crashes": "y"},
     ],
 )
-def test_whatever_was_published_an_rorg_begins(virtual, view):
+def test_whatever_was_kept_an_rorg_begins(virtual, kept):
     virtual.declare({"arm": {"always_on": True, "needs": [{"service": "core", "restart": True}]}, "core": {}})
     virtual.settle()
     before = virtual.container("arm").incarnation
-    virtual.sim.memory = restore(view)
+    virtual.sim.memory = remembered({"arm": kept}, virtual.now(), 0.0, 0.0)
     later(virtual, 5)
     assert virtual.container("arm").incarnation == before
     snapshot(virtual.sim.decision, {})

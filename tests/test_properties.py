@@ -18,7 +18,7 @@ from types import MappingProxyType
 import pytest
 from hypothesis import HealthCheck, Phase, given, reject, settings
 from hypothesis import strategies as st
-from robots import VirtualRobot, write_tree
+from robots import VirtualRobot, handed_on, write_tree
 
 from rorg.core.admission import PROTECTED, over_budget
 from rorg.core.decide import Decision, decide
@@ -31,7 +31,7 @@ from rorg.core.pressure import excess, helps
 from rorg.core.requests import problems
 from rorg.core.rollout import fits
 from rorg.core.situation import Situation
-from rorg.daemon.snapshot import Snapshots, restore, snapshot
+from rorg.daemon.snapshot import Snapshots, snapshot
 from rorg.errors import Invalid, RorgError
 from rorg.manifest.load import load_or_raise
 from rorg.model.catalog import Catalog, Hold, Request, Service
@@ -694,7 +694,7 @@ def disturb(robot: SimRobot, verb: str, name: str, world: World) -> None:
     elif verb in ("network", "volume", "undeclare", "declare", "theirs", "unnet", "no_network"):
         connect(robot, verb, "n" + name[1:] if name != "s2" else "n1", world)
     elif verb == "reborn":
-        robot.reborn(restore(json.loads(json.dumps(snapshot(robot.decision, {})))))
+        robot.reborn(handed_on(robot.decision))
     elif verb in ("unplug", "plug", "plug_elsewhere"):
         replug(robot, verb)
     elif verb in ("hang", "slow", "refuse", "outage", "load", "unload", "lock", "unlock"):

@@ -3,16 +3,14 @@ another change or a person's word. What goes together goes back together."""
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 
 import pytest
 from commands import rorg
-from robots import WORK, RealRobot, VirtualRobot, write_tree
+from robots import WORK, RealRobot, VirtualRobot, handed_on, write_tree
 from test_updates import failed, later, retry, running
 
 from rorg.core.standing import standing
-from rorg.daemon.snapshot import restore, snapshot
 
 WELL = {"always_on": True}
 
@@ -106,7 +104,7 @@ def test_several_editions_are_in_quarantine_also_for_the_next_rorg(virtual):
         virtual.declare({"nav": changed(n)})
         spoil(virtual, "nav", "start")
         virtual.wait(lambda n=n: "its change failed" in virtual.waits("nav") and len(virtual.containers()) == 1)
-    virtual.sim.reborn(restore(json.loads(json.dumps(snapshot(virtual.sim.decision, {})))))
+    virtual.sim.reborn(handed_on(virtual.sim.decision))
     virtual.declare({"nav": WELL})
     virtual.settle()
     calls = len(virtual.sim.engine.calls)
@@ -150,7 +148,7 @@ def test_of_a_set_all_go_back_where_one_fails_and_all_are_tried_with_its_mend(vi
     assert {n for n in before if found[n] != before[n]} == {"cam"}
     assert "it changes together with map, whose change failed" in virtual.waits("nav")
     calls = len(virtual.sim.engine.calls)
-    virtual.sim.reborn(restore(json.loads(json.dumps(snapshot(virtual.sim.decision, {})))))
+    virtual.sim.reborn(handed_on(virtual.sim.decision))
     later(virtual, 30)
     assert len(virtual.sim.engine.calls) == calls
     virtual.declare({**specs, **bad, "map": changed(2, **TOGETHER), "cam": changed(1)})
@@ -174,7 +172,7 @@ def test_a_kill_of_rorg_at_any_moment_of_a_sets_change(virtual, bad):
         done, end = len(virtual.sim.log) + kill_at, virtual.now() + 20
         virtual.sim.at(end, lambda: None)
         virtual.wait(lambda done=done, end=end: len(virtual.sim.log) >= done or virtual.now() >= end)
-        virtual.sim.reborn(restore(json.loads(json.dumps(snapshot(virtual.sim.decision, {})))))
+        virtual.sim.reborn(handed_on(virtual.sim.decision))
         virtual.wait(lambda: len(ids(virtual)) == len(virtual.containers()) == 2, 120)
         later(virtual, 10)
         found = ids(virtual)

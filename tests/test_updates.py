@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 import os
 import random
 import time
@@ -12,10 +11,11 @@ from dataclasses import replace
 import commands
 import pytest
 from conftest import BASE_IMAGE, wait_for
-from robots import WORK, RealRobot, VirtualRobot, write_tree
+from robots import WORK, RealRobot, VirtualRobot, handed_on, write_tree
 from test_recovery import Daemon
 
-from rorg.daemon.snapshot import restore, snapshot
+from rorg.core.memory import Memory
+from rorg.daemon.saved_memory import remembered
 from rorg.model.units import stamp
 
 
@@ -204,7 +204,7 @@ def test_a_kill_of_rorg_at_any_moment_of_a_swap(virtual, bad):
         virtual.sim.at(end, lambda: None)
         virtual.wait(lambda done=done, end=end: len(virtual.sim.log) >= done or virtual.now() >= end)
         # Nothing that it published but the state of before: the worst that a kill can leave.
-        virtual.sim.reborn(restore(None))
+        virtual.sim.reborn(Memory())
         virtual.wait(lambda: running(virtual, "nav") and len(virtual.containers()) == 1, 120)
         later(virtual, 10)
         assert [c.name for c in virtual.containers()] == ["nav"]
@@ -256,7 +256,7 @@ def test_what_failed_is_remembered_by_the_next_rorg(virtual):
     virtual.sim.faults.bad[virtual.sim.desired.digests["nav"]] = "start"
     later(virtual, 10)
     calls = len(virtual.sim.engine.calls)
-    virtual.sim.reborn(restore(json.loads(json.dumps(snapshot(virtual.sim.decision, {})))))
+    virtual.sim.reborn(handed_on(virtual.sim.decision))
     later(virtual, 200)
     assert len(virtual.sim.engine.calls) == calls
     assert "its change failed" in virtual.waits("nav")
@@ -515,7 +515,7 @@ def test_a_container_of_an_older_rorg_is_taken_as_it_is(virtual):
     virtual.settle()
     run = virtual.container("nav").incarnation
     catalog = virtual.sim.desired.catalog
-    virtual.sim.reborn(restore({"runs": {"nav": {"run": "", "needs": {}, "stopped": ""}}}))
+    virtual.sim.reborn(remembered({"nav": {"run": "", "needs": {}, "stopped": ""}}, 0.0, 0.0, 0.0))
     virtual.sim.desired = desire(catalog, contents={"nav": {"services/nav": "1"}})
     later(virtual, 5)
     assert virtual.container("nav").incarnation == run

@@ -14,7 +14,7 @@ from rorg.core.memory import Memory
 from rorg.core.observed import Observed
 from rorg.core.schedule import Target
 from rorg.daemon.saved_memory import remembered
-from rorg.daemon.snapshot import down_of, restore, snapshot
+from rorg.daemon.snapshot import down_of, snapshot
 from rorg.engines.protocol import Engine, Objects
 from rorg.errors import Unreachable
 from rorg.history.database import reading
@@ -45,7 +45,6 @@ class Place(Protocol):
     def catalog(self) -> Catalog: ...
     def document(self) -> RequestsDocument: ...
     def engine(self) -> Engine: ...
-    def published(self) -> dict[str, Any] | None: ...
 
 
 def decision(place: Place, catalog: Catalog) -> Decision:
@@ -78,10 +77,7 @@ def _look(place: Place, desired: Desired, observed: Observed, memory: Memory | N
     """The decision of one pass, with the memory of the last rorg unless another one is given."""
     document = place.document()
     if memory is None:
-        # This process waits for what the running rorg waits for; monotonic clocks are the same in all processes.
-        running = place.published()
-        memory = restore(running, time.monotonic()) if running else _remembered(place)
-        memory = replace(memory, kept=read_kept(place.state.path))
+        memory = replace(_remembered(place), kept=read_kept(place.state.path))
     return decide(
         Inputs(
             desired=desired,
@@ -111,7 +107,7 @@ def devices(place: Place, desired: Desired) -> dict[Device, Plugged]:
 
 
 def _remembered(place: Place) -> Memory:
-    """What the last rorg would pass on to the next one."""
+    """What the running rorg, or the last one, would pass on to the next one."""
     with reading(place.state.journal) as database:
         return remembered(Runs(database).read(), 0.0, time.time(), parse_time(booted_at()))
 

@@ -3,12 +3,14 @@ since the epoch, because the loop's clock starts again with every boot."""
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from rorg.core.memory import CAP, Attempt, Memory, Progress
-from rorg.daemon.snapshot import restore, run_json
+from rorg.core.memory import CAP, MOST_STOPPED, Attempt, CountedOn, Memory, Progress
+from rorg.core.update import Update
+from rorg.daemon.snapshot import run_json
 
 TIMES = ("unwanted_since", "ceased_since")
 NEVER = float("inf")
@@ -39,24 +41,50 @@ def remembered(runs: Mapping[str, Any], now: float, epoch: float, booted_at: flo
     """The memory that a loop begins with. `now` is its clock, `epoch` as above, `booted_at` the time of day of the
     machine's boot. A time in the future counts as now, because the clock was set meanwhile; back-offs start again after
     a boot. Malformed entries are ignored."""
-    progress = restore({"runs": runs}).progress
-    return Memory({n: _with_times(step, runs[n], now, epoch, booted_at) for n, step in progress.items()})
+    return Memory({name: _progress(known, now, epoch, booted_at) for name, known in runs.items() if _sound(known)})
 
 
-def _with_times(step: Progress, known: Mapping[str, Any], now: float, epoch: float, booted_at: float) -> Progress:
-    step = replace(
-        step,
+def _sound(known: Any) -> bool:
+    return isinstance(known, Mapping) and isinstance(known.get("needs"), Mapping)
+
+
+def _progress(known: Mapping[str, Any], now: float, epoch: float, booted_at: float) -> Progress:
+    said = defaultdict(str, {key: value for key, value in known.items() if isinstance(value, str)})
+    update = Update(
+        edition=said["edition"],
+        quarantined=_texts(known.get("quarantined")),
+        drawn=said["drawn"],
+        proven=said["proven"],
+        baked=said["baked"],
+        run=said["loaded"] if isinstance(known.get("content"), Mapping) else "",
+        content=_texts(known.get("content")),
+    )
+    step = Progress(
+        counted_on=CountedOn(said["run"], _texts(known["needs"])),
+        update=update,
+        stopped=_stopped(known),
         crashes=_count(known.get("crashes")),
-        exited=_text(known.get("exited")),
-        hung=_text(known.get("hung")),
-        relied_on=_text(known.get("relied_on")),
+        exited=said["exited"],
+        hung=said["hung"],
+        relied_on=said["relied_on"],
         unwanted_since=_past(known.get("unwanted_since"), now, epoch),
         ceased_since=_past(known.get("ceased_since"), now, epoch),
     )
     tries = _tries(known.get("tries"), now, epoch)
     if any(t.at + epoch < booted_at for t in tries.values() if t.at) or not (tries or known.get("exits")):
         return step
-    return replace(step, exits=_count(known.get("exits")), error=_text(known.get("said")), attempts=tries)
+    return replace(step, exits=_count(known.get("exits")), error=said["said"], attempts=tries)
+
+
+def _stopped(known: Mapping[str, Any]) -> tuple[str, ...]:
+    """An older rorg remembered only the last one."""
+    before = known.get("stopped_before")
+    runs = [*(before if isinstance(before, list) else ()), known.get("stopped")]
+    return tuple(run for run in runs if isinstance(run, str) and run)[-MOST_STOPPED:]
+
+
+def _texts(known: Any) -> dict[str, str]:
+    return {str(k): str(v) for k, v in known.items()} if isinstance(known, Mapping) else {}
 
 
 def _past(at: Any, now: float, epoch: float) -> float | None:

@@ -9,13 +9,12 @@ from typing import Any
 
 from rorg.core.changes import changed_keys
 from rorg.core.decide import Decision
-from rorg.core.memory import MOST_STOPPED, Attempt, CountedOn, Memory, Progress
+from rorg.core.memory import Progress
 from rorg.core.objects import object_views
 from rorg.core.observed import Observed
 from rorg.core.plan import Action, Plan
 from rorg.core.pressure import MEASURES
 from rorg.core.status import statuses
-from rorg.core.update import Update
 from rorg.daemon.tree import Tree
 from rorg.model.catalog import Request
 from rorg.model.units import stamp
@@ -184,54 +183,6 @@ def run_json(step: Progress, now: float) -> dict[str, Any]:
         "stopped": step.stopped[-1] if step.stopped else "",
         **{k: v for k, v in more.items() if v},
     }
-
-
-def restore(view: Mapping[str, Any] | None, now: float | None = None) -> Memory:
-    """What of a loop's memory survives it: on which runs of their needs services count, which runs rorg ended itself,
-    which changes failed, and what content a run has read. `view` is what the loop published; malformed entries are
-    ignored. With `now`, of the machine's monotonic clock, also its back-offs, with that as time 0."""
-    runs = view.get("runs") if isinstance(view, Mapping) else None
-    found = {}
-    for name, known in runs.items() if isinstance(runs, Mapping) else ():
-        if isinstance(known, Mapping) and isinstance(known.get("needs"), Mapping):
-            needs = {str(need): str(run) for need, run in known["needs"].items()}
-            said = {k: str(known.get(k) or "") for k in ("edition", "drawn", "proven", "baked", "loaded")}
-            content = known.get("content")
-            update = Update(
-                edition=said["edition"],
-                quarantined=_texts(known.get("quarantined")),
-                drawn=said["drawn"],
-                proven=said["proven"],
-                baked=said["baked"],
-                run=said["loaded"] if isinstance(content, Mapping) else "",
-                content=_texts(content),
-            )
-            found[name] = Progress(
-                counted_on=CountedOn(str(known.get("run", "")), needs),
-                update=update,
-                stopped=_stopped(known),
-                attempts={} if now is None else _tries(known.get("attempts"), now),
-            )
-    return Memory(found)
-
-
-def _stopped(known: Mapping[str, Any]) -> tuple[str, ...]:
-    """An older rorg remembered only the last one."""
-    before = known.get("stopped_before")
-    runs = [*(before if isinstance(before, list) else ()), known.get("stopped")]
-    return tuple(run for run in runs if isinstance(run, str) and run)[-MOST_STOPPED:]
-
-
-def _texts(known: Any) -> dict[str, str]:
-    return {str(k): str(v) for k, v in known.items()} if isinstance(known, Mapping) else {}
-
-
-def _tries(known: Any, now: float) -> dict[str, Attempt]:
-    found = {}
-    for verb, said in known.items() if isinstance(known, Mapping) else ():
-        if isinstance(said, list) and len(said) == 2 and isinstance(said[0], int | float):
-            found[str(verb)] = Attempt(at=said[0] - now, error=str(said[1]))
-    return found
 
 
 def request_json(request: Request) -> dict[str, Any]:
