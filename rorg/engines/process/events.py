@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-import select
+import selectors
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -39,25 +39,30 @@ class Changes:
             os.write(self._wake_write, b".")
 
     def follow(self, stop: threading.Event) -> Iterator[tuple[str, str]]:
-        exits, due = _Exits(), time.monotonic() + NOW_AND_THEN
-        exits.poller.register(self._wake_read, select.POLLIN)
+        exits, due = selectors.PollSelector(), time.monotonic() + NOW_AND_THEN
+        exits.register(self._wake_read, selectors.EVENT_READ)
         self._watch(exits, self.containers())
         yield "", ""
         try:
             while not stop.is_set():
-                for descriptor, _ in exits.poller.poll(TURN * 1000):
+                for key, _ in exits.select(TURN):
                     if stop.is_set():
                         return  # the next follower reads what is left
-                    if descriptor == self._wake_read:
+                    if key.data is None:
                         changed = self._take()
                         self._watch(exits, (c for name in changed if (c := self.container(name)) is not None))
                         yield from ((container, "") for container in changed)
                     else:
-                        yield exits.ended(descriptor), ""
+                        exits.unregister(key.fd)
+                        os.close(key.fd)
+                        yield key.data[0], ""
                 if time.monotonic() >= due:
                     due = time.monotonic() + NOW_AND_THEN
                     self.now_and_then()
         finally:
+            for key in exits.get_map().values():
+                if key.data is not None:
+                    os.close(key.fd)
             exits.close()
 
     def _take(self) -> list[str]:
@@ -67,43 +72,15 @@ class Changes:
             changed, self._changed = list(dict.fromkeys(self._changed)), []
         return changed
 
-    def _watch(self, exits: _Exits, containers: Iterable[Container]) -> None:
+    def _watch(self, exits: selectors.BaseSelector, containers: Iterable[Container]) -> None:
+        """Wait for the exits of these runs, each a (container, pid): a new run can begin before the exit of the
+        previous one is reported."""
+        known = {key.data for key in exits.get_map().values()}
         for container in containers:
-            if container.pid and not exits.watch(container.id, container.pid):
+            run = container.id, container.pid
+            if not container.pid or run in known:
+                continue
+            try:
+                exits.register(os.pidfd_open(container.pid), selectors.EVENT_READ, run)
+            except OSError:  # it has ended already
                 self.tell(container.id)
-
-
-class _Exits:
-    """Runs whose exit is awaited, by (container, pid): a new run can begin before the exit of the previous one is
-    reported."""
-
-    def __init__(self) -> None:
-        self.poller = select.poll()
-        self._runs: dict[int, tuple[str, int]] = {}
-        """By descriptor."""
-        self._known: set[tuple[str, int]] = set()
-
-    def watch(self, container: str, pid: int) -> bool:
-        """False if it has ended already."""
-        if (container, pid) in self._known:
-            return True
-        try:
-            descriptor = os.pidfd_open(pid)
-        except OSError:
-            return False
-        self._runs[descriptor] = container, pid
-        self._known.add((container, pid))
-        self.poller.register(descriptor, select.POLLIN)
-        return True
-
-    def ended(self, descriptor: int) -> str:
-        """Return the container of a run that has ended."""
-        run = self._runs.pop(descriptor)
-        self._known.discard(run)
-        self.poller.unregister(descriptor)
-        os.close(descriptor)
-        return run[0]
-
-    def close(self) -> None:
-        for descriptor in self._runs:
-            os.close(descriptor)
