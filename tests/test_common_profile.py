@@ -46,12 +46,18 @@ def test_an_image_keeps_its_stop_signal_unless_another_is_asked_for(docker_robot
     robot.wait(
         lambda: (
             robot.active() == set(quiet)
-            and all(b"up" in b"".join(robot.engine.logs(c.id, False, None)) for c in robot.containers())
+            and all(
+                b"up" in b"".join(line.text for line in robot.engine.log_lines(c.id, None, None, False))
+                for c in robot.containers()
+            )
         )
     )
     robot.release()
     robot.wait(lambda: set(robot.states().values()) == {"exited"})
-    said = {c.service: b"".join(robot.engine.logs(c.id, False, None)).split()[-1].decode() for c in robot.containers()}
+    said = {
+        c.service: b"".join(line.text for line in robot.engine.log_lines(c.id, None, None, False)).split()[-1].decode()
+        for c in robot.containers()
+    }
     assert said == {
         "sigusr1": "SIGUSR1",
         "sigint": "SIGINT",

@@ -131,7 +131,12 @@ def test_a_stop_that_takes_long_delays_no_request_on_docker(docker_robot):
     robot.settle()
     robot.request("deaf", "camera")
     robot.wait(lambda: robot.active() == {"deaf", "camera"})
-    robot.wait(lambda: b"deaf" in b"".join(robot.engine.logs(robot.container("deaf").id, False, None)))
+    robot.wait(
+        lambda: (
+            b"deaf"
+            in b"".join(line.text for line in robot.engine.log_lines(robot.container("deaf").id, None, None, False))
+        )
+    )
     robot.settle()
     robot.release()
     robot.wait(lambda: robot.states()["camera"] == "paused" and "deaf" in robot.loop.running.memory.in_flight)

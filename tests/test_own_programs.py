@@ -62,7 +62,7 @@ def begin(engine: ProcessEngine, spec: dict) -> str:
 
 def said(engine: ProcessEngine, container: str) -> list[str]:
     def lines() -> list[str]:
-        return b"".join(engine.logs(container, False, None)).decode().splitlines()
+        return b"".join(line.text for line in engine.log_lines(container, None, None, False)).decode().splitlines()
 
     wait_for(lambda: "said" in lines(), what="the program to say where it is")
     return lines()

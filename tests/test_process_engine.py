@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import re
 import subprocess
@@ -15,7 +16,8 @@ from conftest import wait_for
 from robots import RealRobot
 
 from rorg.core.observed import LABEL_OWNER, LABEL_SERVICE
-from rorg.engines.process.log import KEPT, SLACK, read_log, trim_log
+from rorg.engines.log_lines import Reading
+from rorg.engines.process.log import KEPT, SLACK, follow_lines, read_lines, trim_log
 
 
 @pytest.fixture
@@ -83,7 +85,7 @@ def test_the_log_of_a_program_that_never_stops_talking_is_kept_small(engine):
     container = start(engine, "python3", "-S", "-c", TALKS)
     log = engine.records.log(container)
     threading.Thread(
-        target=lambda: [followed.append(c) for c in engine.logs(container, True, None)], daemon=True
+        target=lambda: [followed.append(line.text) for line in engine.log_follow(container, "", Reading())], daemon=True
     ).start()
     seen, place, most = bytearray(), "", 0
     while b"the end" not in seen:  # as a probe of the log goes on reading, from place to place
@@ -100,27 +102,32 @@ def test_the_log_of_a_program_that_never_stops_talking_is_kept_small(engine):
     assert numbers(bytes(seen)) == list(range(1, last + 1)), "a probe that goes on reading misses nothing"
     assert b"now serving" in seen
     wait_for(lambda: b"the end" in followed[-1])
-    assert numbers(b"".join(followed)) == list(range(1, last + 1)), "nor does who follows"
-    kept = numbers(b"".join(engine.logs(container, False, None)))
+    lines = numbers(b"".join(followed))
+    assert lines == sorted(set(lines)), "who follows gets whole lines, each once, also after what was given back"
+    assert lines[-1] == last
+    kept = numbers(b"".join(line.text for line in engine.log_lines(container, None, None, False)))
     assert kept == list(range(kept[0], last + 1))
     assert len(kept) * 64 > KEPT - (1 << 17)
     assert numbers(b"".join(text for text, _ in engine.log_since(container, ""))) == kept
-    assert list(engine.logs(container, False, 1)) == [b"the end\n"]
+    assert [line.text for line in engine.log_lines(container, 1, None, False)] == [b"the end\n", b""]
 
 
 def test_who_is_behind_goes_on_with_the_next_whole_line(tmp_path):
     log = tmp_path / "log"
     with log.open("ab", buffering=0) as file:
         file.write(b"".join(b"%-62d.\n" % n for n in range(1 << 18)))
-        reading, behind = read_log(log, True, 1), read_log(log, True, None)
-        assert next(reading).startswith(b"262143 ")
-        assert next(behind).startswith(b"0 ")
+        end = log.stat().st_size
+        reading, behind = (follow_lines(log, place, lambda: False, Reading()) for place in (end - 64, 0))
+        assert next(reading).text.startswith(b"262143 ")
+        assert next(behind).text.startswith(b"0 ")
         trim_log(log)
         file.write(b"after\n")
-        assert next(reading) == b"after\n"
-    lines = b"".join(read_log(log, False, None)).splitlines()
-    assert lines[-1] == b"after"
-    assert all(re.fullmatch(rb"\d+ +\.", line) for line in lines[:-1])
+        assert next(reading).text == b"after\n"
+    kept = [line.text for line in read_lines(log, None, False)]
+    assert kept[-2:] == [b"after\n", b""]
+    assert all(re.fullmatch(rb"\d+ +\.\n", line) for line in kept[:-2])
+    late = b"".join(itertools.takewhile(lambda text: text != b"after\n", (line.text for line in behind)))
+    assert all(re.fullmatch(rb"\d+ +\.", line) for line in late.splitlines())
     assert log.stat().st_blocks * 512 <= KEPT + SLACK
 
 

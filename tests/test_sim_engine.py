@@ -86,6 +86,6 @@ def test_the_output_of_the_run_before_is_in_its_logs_only(sim, camera):
     sim.kill(camera)
     sim.start(camera)
     sim.say(camera, b"three\n")
-    assert list(sim.logs(camera, False, 2)) == [b"two\n", b"three\n"]
+    assert [line.text for line in sim.log_lines(camera, 2, None, False)] == [b"two\n", b"three\n"]
     assert list(sim.log_since(camera, "")) == [(b"three\n", "14")]
     assert list(sim.log_since(camera, "14")) == [(b"", "14")]

@@ -196,7 +196,11 @@ def play(triton: RealRobot, steps, actions: list[dict], also: tuple[str, ...] = 
         try:
             triton.wait(lambda action=action: (steps / f"ready-{action['name']}").exists(), 60)
         except AssertionError:
-            print(b"".join(triton.engine.logs(triton.container("behavioral").id, False, None)).decode())
+            print(
+                b"".join(
+                    line.text for line in triton.engine.log_lines(triton.container("behavioral").id, None, None, False)
+                ).decode()
+            )
             raise
         triton.wait(lambda action=action: triton.active() == expected(action) | always, 60)
         if action is not actions[-1]:

@@ -99,8 +99,8 @@ class Workers:
             return
         with suppress(RorgError):
             said = b""
-            for piece in self.engine.logs(action.container, False, 10):
-                said = (said + piece)[-WORDS:]
+            for line in self.engine.log_lines(action.container, 10, None, False):
+                said = (said + line.text)[-WORDS:]
             if said := said.strip():
                 self.recorder.event(
                     "last-words",

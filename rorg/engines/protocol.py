@@ -160,11 +160,6 @@ class Inspection(Protocol):
 
     name: str
 
-    def logs(self, container: str, follow: bool, tail: int | None) -> Iterator[bytes]:
-        """Yield the output of the container with standard error: the last `tail` lines, then new ones if `follow`. A
-        piece has at most 1 MiB."""
-        raise unsupported(self.name, "read the logs of", container)
-
     def log_lines(
         self,
         container: str,

@@ -214,16 +214,11 @@ class SimEngine:
     def update(self, container: str, options: Mapping[str, Any]) -> None:
         self._change("update", container, (), live={**self._get(container).live, **options})
 
-    def logs(self, container: str, follow: bool, tail: int | None) -> Iterator[bytes]:
-        """Output from say() so far. Following does not wait, because time is virtual."""
-        self._get(container)
-        lines = self._output.get(container, b"").splitlines(keepends=True)
-        yield from lines if tail is None else lines[max(0, len(lines) - tail) :]
-
     def log_lines(self, container: str, tail: int | None, since: float | None, whole: bool) -> Iterator[LogLine]:
-        """Lines without a time, because say() has none."""
-        place = 0
-        for text in self.logs(container, False, tail):
+        """Output from say() so far, without a time, because say() has none."""
+        self._get(container)
+        lines, place = self._output.get(container, b"").splitlines(keepends=True), 0
+        for text in lines if tail is None else lines[max(0, len(lines) - tail) :]:
             place += len(text)
             yield LogLine("", text, str(place))
 

@@ -21,7 +21,7 @@ from robots import WORK
 from rorg.core.observed import LABEL_OWNER, LABEL_SERVICE
 from rorg.core.schedule import Target
 from rorg.engines.make import make_engine
-from rorg.engines.process.log import PIECE, read_log, read_log_from
+from rorg.engines.process.log import PIECE, read_lines, read_log_from
 from rorg.errors import EngineError
 from rorg.host.git import _git as ask_git
 from rorg.images.docker import import_stream
@@ -181,8 +181,8 @@ def test_a_line_without_end_is_searched_and_hides_nothing(running):
     ask, probe = ProbeRunner(engine, lambda service: run), Probe("log", "^serving$")
     with within(120, 8 * MEBI):
         wait_for(lambda: ask(("x", "ready"), Target(probe, run.incarnation, 1.0)) == YES, 100)
-        assert sum(map(len, engine.logs(container, False, 2))) > 0
-        assert list(engine.logs(container, False, 1))[-1].endswith(b"serving\n")
+        assert sum(len(line.text) for line in engine.log_lines(container, 2, None, False)) > 0
+        assert [line.text for line in engine.log_lines(container, 1, None, False)][-2].endswith(b"serving\n")
 
 
 def test_a_long_line_in_a_file(tmp_path):
@@ -197,8 +197,8 @@ def test_a_long_line_in_a_file(tmp_path):
         assert max(len(text) for text, _ in pieces) <= PIECE
         assert pieces[-1][0].endswith(b"\nlast\nhalf")
         assert list(read_log_from(log, pieces[-1][1])) == [(b"half", pieces[-1][1])]
-        assert b"".join(read_log(log, False, 2)) == b"last\nhalf"
-        assert sum(map(len, read_log(log, False, 3))) > 40 * MEBI
+        assert b"".join(line.text for line in read_lines(log, 2, False)) == b"last\nhalf"
+        assert sum(len(line.text) for line in read_lines(log, 3, False)) > 40 * MEBI
 
 
 def test_a_line_that_was_found_is_not_looked_for_again(running):

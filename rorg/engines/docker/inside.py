@@ -27,10 +27,6 @@ class Inside:
         """See Observation."""
         raise NotImplementedError
 
-    def logs(self, container: str, follow: bool, tail: int | None) -> Iterator[bytes]:
-        with docker_errors(f"read the logs of {container[:12]}"):
-            yield from log.read(self.client, container, follow, tail)
-
     def log_lines(
         self,
         container: str,

@@ -20,17 +20,6 @@ WAIT = 10.0
 """Seconds until the engine has found the next piece. It searches everything that it keeps."""
 
 
-def read(client: Client, container: str, follow: bool, tail: int | None) -> Iterator[bytes]:
-    """The last `tail` lines, then new ones if `follow`."""
-    chunks = _chunks(client, container, None if follow else WAIT, follow=follow, tail="all" if tail is None else tail)
-    if _terminal(client, container):
-        yield from chunks
-    else:
-        frames = Frames()
-        for chunk in chunks:
-            yield from frames.texts(chunk)
-
-
 def since(client: Client, container: str, place: str) -> Iterator[tuple[bytes, str]]:
     """Lines from a time on (seconds since the epoch), in pieces, each with the time of its last line."""
     chunks = _chunks(client, container, WAIT, timestamps=True, since=place)

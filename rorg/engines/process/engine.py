@@ -21,7 +21,7 @@ from rorg.engines.log_lines import LogLine, Reading
 from rorg.engines.process.copy_files import copy
 from rorg.engines.process.events import Changes
 from rorg.engines.process.launch import folder_of, hear_signals, launch, run_attached, run_beside
-from rorg.engines.process.log import follow_lines, read_lines, read_log, read_log_from, trim_log
+from rorg.engines.process.log import follow_lines, read_lines, read_log_from, trim_log
 from rorg.engines.process.records import Record, Records
 from rorg.engines.process.signals import end, send, switch
 from rorg.engines.process.table import stat
@@ -180,10 +180,6 @@ class ProcessEngine:
         self._write({**record, "live": {**record["live"], **options}})
 
     # -- looking inside ----------------------------------------------------------------------------------------
-
-    def logs(self, container: str, follow: bool, tail: int | None) -> Iterator[bytes]:
-        self.records.read(container)
-        return read_log(self.records.log(container), follow, tail)
 
     def log_lines(self, container: str, tail: int | None, since: float | None, whole: bool) -> Iterator[LogLine]:
         """Files of programs have no times, so `since` is ignored; see Capabilities."""

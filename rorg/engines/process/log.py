@@ -25,8 +25,6 @@ BLOCK = 1 << 16
 """A multiple of this is given back: it is a multiple of the block size of all common file systems."""
 FOUND = 0.1
 """Seconds between two checks for new output."""
-CHUNK = 1 << 20
-"""Bytes that are returned in one piece."""
 PIECE = 1 << 16
 """Bytes that are searched at a time."""
 _PUNCH_HOLE, _KEEP_SIZE = 2, 1
@@ -47,25 +45,6 @@ def trim_log(path: Path) -> None:
                 file.truncate(0)
     except OSError:
         return  # it is gone
-
-
-def read_log(path: Path, follow: bool, tail: int | None) -> Iterator[bytes]:
-    """The last `tail` lines; with `follow` also new ones, until the container is removed."""
-    descriptor = _open(path)
-    try:
-        end = os.fstat(descriptor).st_size
-        place = 0 if tail is None else _tail(descriptor, end, tail)
-        while follow or place < end:
-            text, begin = _read(descriptor, place, CHUNK if follow else min(CHUNK, end - place))
-            place = begin + len(text)
-            if text:
-                yield text
-            elif follow and path.parent.exists():
-                time.sleep(0.1)
-            else:
-                return
-    finally:
-        os.close(descriptor)
 
 
 def read_log_from(path: Path, place: int) -> Iterator[tuple[bytes, int]]:
