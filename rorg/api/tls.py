@@ -10,17 +10,30 @@ from pathlib import Path
 from rorg.errors import Invalid
 
 
-@dataclass(frozen=True, slots=True)
-class TlsFiles:
-    """PEM files: the server's certificate and key, the authorities that sign client certificates, and the lists (CRL)
-    of the certificates that they have revoked."""
+@dataclass(eq=False)
+class Tls:
+    """TLS by PEM files: the server's certificate and key, the authorities that sign client certificates, and the lists
+    (CRL) of the certificates that they have revoked. Raises Invalid if they cannot be read at the start."""
 
     certificate: Path
     key: Path
     authority: Path
     revoked: Path | None = None
 
-    def context(self) -> ssl.SSLContext:
+    def __post_init__(self) -> None:
+        self._seen, self.context = self._stamps(), self._made()
+
+    def renew(self) -> bool:
+        """Whether the files have changed since the last call; then the context is a new one. Raises Invalid if they
+        cannot be read; then the context stays."""
+        stamps = self._stamps()
+        if stamps == self._seen:
+            return False
+        self._seen = stamps
+        self.context = self._made()
+        return True
+
+    def _made(self) -> ssl.SSLContext:
         """A context that accepts clients by these files. Raises Invalid."""
         context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
         try:
@@ -34,9 +47,9 @@ class TlsFiles:
         context.verify_mode = ssl.CERT_REQUIRED
         return context
 
-    def stamp(self) -> tuple[tuple[int, ...] | None, ...]:
+    def _stamps(self) -> list[tuple[int, ...] | None]:
         """Differs when one of the files has changed."""
-        return tuple(map(_stamp, (self.certificate, self.key, self.authority, self.revoked)))
+        return list(map(_stamp, (self.certificate, self.key, self.authority, self.revoked)))
 
 
 def _stamp(path: Path | None) -> tuple[int, ...] | None:
@@ -45,21 +58,3 @@ def _stamp(path: Path | None) -> tuple[int, ...] | None:
     except OSError:
         return None
     return (found.st_ino, found.st_mtime_ns, found.st_size) if found else None
-
-
-class Tls:
-    """The context of the current files. Raises Invalid if they cannot be read at the start."""
-
-    def __init__(self, files: TlsFiles) -> None:
-        self.files, self._stamp = files, files.stamp()
-        self.context = files.context()
-
-    def renew(self) -> bool:
-        """Whether the files have changed since the last call; then the context is a new one. Raises Invalid if they
-        cannot be read; then the context stays."""
-        stamp = self.files.stamp()
-        if stamp == self._stamp:
-            return False
-        self._stamp = stamp
-        self.context = self.files.context()
-        return True

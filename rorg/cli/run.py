@@ -208,7 +208,7 @@ def _run_until_told(loop: Loop, server: Server) -> None:
 
 def _tcp(listen: str, files: tuple[Path | None, ...]) -> tuple[str, int, Tls]:
     """Where to listen and how to know clients. Raises Invalid without the files that this takes."""
-    from rorg.api.tls import Tls, TlsFiles
+    from rorg.api.tls import Tls
     from rorg.errors import Invalid
 
     host, _, port = listen.rpartition(":")
@@ -219,7 +219,7 @@ def _tcp(listen: str, files: tuple[Path | None, ...]) -> tuple[str, int, Tls]:
             "TCP is only served with TLS and client certificates",
             "HOST:PORT with --tls-cert, --tls-key and --tls-ca",
         )
-    return host or "127.0.0.1", int(port), Tls(TlsFiles(cert, key, authority, revoked))
+    return host or "127.0.0.1", int(port), Tls(cert, key, authority, revoked)
 
 
 def followed(directory: Path | None, git: str, path: str, committed: bool, signers: Path | None) -> Followed | None:
