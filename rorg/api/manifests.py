@@ -23,6 +23,7 @@ from rorg.api.operations import Operations
 from rorg.api.permissions import Caller, allow_manage, manages
 from rorg.api.vet import vet, vet_rendered
 from rorg.core.masking import Masker
+from rorg.daemon.tree import Tree
 from rorg.errors import Busy, Missing, Refused, Unreachable
 from rorg.manifest.models import FOLDERS
 from rorg.model import image_names
@@ -42,31 +43,21 @@ class Manifests:
         self._lock = threading.Lock()
 
     @property
+    def tree(self) -> Tree:
+        return self.operations.tree
+
+    @property
     def root(self) -> Path:
-        return self.operations.tree.root
-
-    @property
-    def _engine(self) -> str:
-        """The engine that manifests are checked for."""
-        return self.operations.tree.engine
-
-    @property
-    def _robot(self) -> str:
-        """The robot whose overlay counts."""
-        return self.operations.tree.robot
+        return self.tree.root
 
     @property
     def note(self) -> Path:
         """The file in which a change is noted while it is carried out."""
         return self.operations.state.manifest_change
 
-    def all(self) -> dict[tuple[str, str], tuple[Path, bytes]]:
-        """(kind, name) -> file and content, of every manifest that can be read at all."""
-        return manifests_of(self.root)
-
     def one(self, kind: str, name: str) -> tuple[Path, bytes]:
         """File and content of a manifest. Raises Missing."""
-        found = self.all().get((kind, name))
+        found = manifests_of(self.root).get((kind, name))
         if found is None:
             raise Missing(f"find the {kind} '{name}'", f"no such {kind}", "GET /v1/manifests for all")
         return found
@@ -74,7 +65,7 @@ class Manifests:
     def masker(self, caller: Caller, name: str) -> Masker:
         """Masks the secrets in a manifest. For a service that manages it, only those of the manifest itself: otherwise
         it could find the secrets of other services by writing guesses."""
-        masker = self.operations.tree.masker
+        masker = self.tree.masker
         return masker.of(name, Masker()) if caller.kind == "service" else masker
 
     def allow(self, caller: Caller, kind: str, name: str) -> None:
@@ -88,7 +79,7 @@ class Manifests:
         self.allow(caller, kind, name)
         self._own(f"change the {kind} '{name}'")
         with self._lock:
-            path, content = self.all().get((kind, name), (None, None))
+            path, content = manifests_of(self.root).get((kind, name), (None, None))
             self._same(content, body.base, f"change the {kind} '{name}'")
             before = (content or b"").decode("utf-8", errors="replace")
             text = restored(before, body.text, self.masker(caller, name), f"change the {kind} '{name}'")
@@ -108,10 +99,12 @@ class Manifests:
     def _check(self, caller: Caller, kind: str, name: str, path: Path, before: str, text: str) -> None:
         """Raises Forbidden if a service may not write this text, before reading any file that it names; and Invalid if
         the tree has mistakes with it."""
-        catalog, root, robot, service = self.operations.catalog, self.root, self._robot, caller.kind == "service"
+        catalog, root, robot, service = self.operations.catalog, self.root, self.tree.robot, caller.kind == "service"
         if service:
             vet(caller, name, path, text, before, catalog, root, robot)
-        old, new = check_tree(root, path, text, self._engine, f"change the {kind} '{name}'", robot, stranger=service)
+        old, new = check_tree(
+            root, path, text, self.tree.engine, f"change the {kind} '{name}'", robot, stranger=service
+        )
         if service:
             vet_rendered(caller, name, path, old, new, catalog, root, robot)
 
@@ -122,13 +115,13 @@ class Manifests:
             path, content = self.one(kind, name)
             self._same(content, base, f"delete the {kind} '{name}'")
             what, service = f"delete the {kind} '{name}'", caller.kind == "service"
-            check_tree(self.root, path, None, self._engine, what, self._robot, stranger=service)
+            check_tree(self.root, path, None, self.tree.engine, what, self.tree.robot, stranger=service)
             message = message or f"{kind} {name}: deleted through the API"
             return self._change(caller, path, content, None, message)
 
     def _own(self, what: str) -> None:
         """Raises Refused if the files are a copy of a repository: the next commit would overwrite the change."""
-        source = self.operations.tree.source
+        source = self.tree.source
         if source is not None:
             shown = source.cache.followed.shown
             raise Refused(what, f"the manifests are those of {shown}", "committing there, then `rorg apply`")
