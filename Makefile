@@ -43,7 +43,7 @@ bench: $(VENV)/test-installed
 
 schemas: $(BIN)/rorg
 	$(BIN)/python -m rorg.manifest.schema schemas
-	$(BIN)/python -m rorg.api.openapi schemas/openapi.json
+	$(BIN)/python -m rorg.api.app schemas/openapi.json
 	$(BIN)/python -m rorg.api.records schemas/journal.proto
 
 docs: $(BIN)/rorg

@@ -312,7 +312,7 @@ def test_thousands_of_dead_connections_do_not_slow_the_loop(robot, client):
 
 
 def test_the_openapi_document_is_current():
-    from rorg.api.openapi import document
+    from rorg.api.app import document
 
     assert json.loads((ROOT / "schemas/openapi.json").read_text()) == document(), "try `make schemas`"
 

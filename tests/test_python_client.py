@@ -653,7 +653,7 @@ def test_mypy_takes_the_examples_and_no_misspelt_keyword(tmp_path):
 def test_types_are_those_of_the_api():
     from rorg_client import types
 
-    from rorg.api.openapi import document
+    from rorg.api.app import document
 
     schemas = document()["components"]["schemas"]
     same = {

@@ -14,7 +14,7 @@ from pydantic import BaseModel
 
 import rorg.errors
 from rorg.api import limits
-from rorg.api.openapi import document as openapi
+from rorg.api.app import document as openapi
 from rorg.api.permissions import OPERATIONS
 from rorg.cli.commands import ALIASES, COMMANDS, command_of
 from rorg.cli.help import about, usage

@@ -1,7 +1,13 @@
-"""The API, version 1: the FastAPI application with all routes. Routes decide nothing; the operations do."""
+"""The API, version 1: the FastAPI application with all routes. Routes decide nothing; the operations do.
+
+`python -m rorg.api.app FILE` writes its OpenAPI document.
+"""
 
 from __future__ import annotations
 
+import json
+import sys
+from pathlib import Path
 from typing import Any
 
 from fastapi import FastAPI, Request
@@ -115,3 +121,12 @@ class _Bounded:
             )(scope, receive, send)
         else:
             await self.app(scope, receive, send)
+
+
+def document() -> dict[str, Any]:
+    """The OpenAPI document, of an application without a running loop."""
+    return make_app(None).openapi()  # type: ignore[arg-type]
+
+
+if __name__ == "__main__":
+    Path(sys.argv[1]).write_text(json.dumps(document(), indent=1, sort_keys=True) + "\n", encoding="utf-8")
