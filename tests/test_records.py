@@ -25,9 +25,8 @@ from rorg.errors import Missing
 from rorg.history import queries
 from rorg.history.database import Database
 from rorg.history.journal import Journal
-from rorg.history.names import parse
 from rorg.history.repeats import folded
-from rorg.history.revisions import Made, Revision, Revisions
+from rorg.history.revisions import Made, Revision, Revisions, parse
 
 PROTO = ROOT / "schemas/journal.proto"
 PROTOC = shutil.which("protoc")

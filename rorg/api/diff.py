@@ -19,8 +19,7 @@ from rorg.core.decide import Decision
 from rorg.core.plan import Plan, Waiting
 from rorg.daemon.commit_tree import CommitTree, load_at
 from rorg.errors import Busy, RorgError, Unreachable
-from rorg.history.names import for_git
-from rorg.history.revisions import Revisions
+from rorg.history.revisions import Revisions, for_git
 
 PATIENCE = 2.0
 """Longest time, in seconds, to wait for a tree that is being written."""

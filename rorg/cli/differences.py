@@ -146,8 +146,7 @@ def past_of(context: Context, tree: Tree, rev: str) -> CommitTree:
     from rorg.daemon.commit_tree import load_at
     from rorg.errors import Unreachable
     from rorg.history.database import reading
-    from rorg.history.names import NUMBER, for_git
-    from rorg.history.revisions import Revisions
+    from rorg.history.revisions import NUMBER, Revisions, for_git
 
     if NUMBER.fullmatch(rev):
         with suppress(Unreachable), reading(context.state.journal) as database:

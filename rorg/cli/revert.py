@@ -17,8 +17,7 @@ from rorg.cli.differences import Differences
 from rorg.cli.output import note
 from rorg.cli.records import records_of
 from rorg.errors import Missing, Refused, RorgError
-from rorg.history.names import parse
-from rorg.history.revisions import Revision
+from rorg.history.revisions import Revision, parse
 from rorg.host.git import commit_of
 from rorg.host.git_edit import SHORT, Restoring, changed, subject_of, top_of, unknown
 from rorg.model.catalog import Catalog

@@ -10,8 +10,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from rorg.history.database import Database
-from rorg.history.meta_requests import Asked
-from rorg.model.catalog import Request
 
 RECENT = 2000
 """Entries in memory, for followers, and while the disk refuses them."""
@@ -121,10 +119,6 @@ class Journal:
     def since(self, seq: int) -> list[dict[str, Any]]:
         """All entries after a number that are still kept."""
         return self.after(seq, ALL)
-
-    def asked_at(self, time: str) -> tuple[Request, ...]:
-        """Requests of meta-services at a time (ISO 8601 in UTC)."""
-        return Asked(self.database).at(time)
 
     def select(self, filter: Filter, most: int, newest: bool = False) -> list[dict[str, Any]]:
         """The first matching entries, or the newest ones; in their order."""

@@ -16,8 +16,7 @@ from rorg.core.digest import declared_of
 from rorg.core.masking import masked
 from rorg.errors import Missing
 from rorg.history.journal import Filter, Journal
-from rorg.history.names import parse
-from rorg.history.revisions import FIELDS, Made, Revision, Revisions
+from rorg.history.revisions import FIELDS, Made, Revision, Revisions, parse
 from rorg.history.timeline import Author, spans
 
 COMMIT = re.compile(r"[0-9a-f]{7,40}")

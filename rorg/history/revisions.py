@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import json
+import re
 import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Protocol
 
+from rorg.errors import Invalid
 from rorg.history.database import Change, Database
 
 UNDER_WAY = ("applying", "baking")
 """Standings that are not final."""
+NUMBER = re.compile(r"[0-9]{1,6}")
+"""Numbers as in `rorg history`. git never abbreviates a commit to fewer than seven digits by default."""
 LONGEST_PLAN = 1 << 18
 """Characters of a plan that are kept."""
 COLUMNS = "number, at, fingerprint, git, author, subject, dirty, robot, standing, reason, settled_at, plan, errors"
@@ -61,7 +65,7 @@ class Revision:
     errors: tuple[str, ...] = ()
     """Of a refused one."""
     services: Mapping[str, Made] = field(default_factory=dict)
-    """Services with a container. list() and at() leave them out; get() has them."""
+    """Services with a container. list() leaves them out; get() has them."""
 
 
 class Revisions:
@@ -139,10 +143,6 @@ class Revisions:
         """The newest ones first; with `before`, only those older than that number."""
         return self._select("number < ?" if before else "number > ?", (before,), most)
 
-    def at(self, time: str) -> Revision | None:
-        """The one in force at a time (ISO 8601 in UTC); None before the first one."""
-        return next(iter(self._select("at <= ? AND standing <> 'refused'", (time,), 1)), None)
-
     def of_commit(self, commit: str) -> Revision | None:
         """The last one of a git commit, in full or abbreviated, with its services."""
         found = self._select("git LIKE ? AND standing <> 'refused'", (f"{commit}%",), 1)
@@ -198,3 +198,27 @@ def _revision(row: tuple[Any, ...]) -> Revision:
     except (ValueError, TypeError):
         told = ()
     return Revision(**{**said, "dirty": bool(said["dirty"]), "errors": told})
+
+
+class Numbered(Protocol):
+    """Has revisions by number."""
+
+    def get(self, number: int) -> Revision | None:
+        """With its services."""
+
+
+def parse(text: str, revisions: Numbered) -> Revision | str:
+    """The revision of that number, if there is one; otherwise the text, for git: a commit, a tag, a branch, HEAD~2."""
+    found = revisions.get(int(text)) if text.isascii() and NUMBER.fullmatch(text) else None
+    return found or text
+
+
+def for_git(text: str, revisions: Numbered) -> str:
+    """The same for git: of a revision its commit. Raises Invalid if no commit has that revision."""
+    found = parse(text, revisions)
+    if not isinstance(found, Revision):
+        return found
+    if found.dirty or not found.commit:
+        why = "its manifests were not all committed" if found.commit else "its tree was in no repository"
+        raise Invalid(f"read the manifests of revision {found.number}", why, f"`rorg history show {found.number}`")
+    return found.commit
