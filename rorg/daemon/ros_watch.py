@@ -1,20 +1,24 @@
-"""Watches the graphs of ROS 1, and removes nodes that were killed: SIGKILL leaves a registration behind for ever."""
+"""Watches the graphs of ROS 1: which service runs each node, which nodes are registered but dead, and which changed
+hands. Removes nodes that were killed: SIGKILL leaves a registration behind for ever."""
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from rorg.core.observed import Observed
-from rorg.core.ros_graph import Graphs, RosGraph, master_of
+from rorg.core.ros_graph import Graphs, RosGraph, Takeover, master_of, takeovers
 from rorg.core.situation import Situation
 from rorg.core.status import ros_nodes
 from rorg.core.wanted import Wanted
-from rorg.daemon.ros_nodes import RosNodes, Run, Runs
-from rorg.host.listeners import own_names
+from rorg.host.bounded_http import place_of
+from rorg.host.listeners import lineage, listeners, open_ports, own_names
 from rorg.model.catalog import Catalog
+from rorg.probes.ros_state import RosState, read_state, refuses, unregister
 
 AFTER = (1.0, 3.0, 10.0)
 """Seconds from one look to the next since something changed: nodes register some time after their service has started.
@@ -24,6 +28,121 @@ GAP = 0.25
 AFTERWARDS = 15.0
 """Seconds for which a master that no service uses any more is still watched: those that ended may have left
 registrations."""
+APART = 2.0
+"""Seconds between two looks that must both find a node dead before it is unregistered."""
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """The run of a service that uses a master."""
+
+    incarnation: str
+    pid: int
+    nodes: frozenset[str]
+    """The nodes that its manifest names."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Runs:
+    """The runs of one master, as of a pass of the loop."""
+
+    alive: Mapping[str, Run] = field(default_factory=dict)
+    """By service: those that run or are paused."""
+    active: frozenset[str] = frozenset()
+    """Services that are alive, or wanted."""
+
+
+class _Owner(NamedTuple):
+    """The owner of the program at an address."""
+
+    service: str
+    incarnation: str
+
+
+class RosNodes:
+    """The known nodes of a master, kept from one look to the next. `local` are names and addresses of this machine.
+    For one thread."""
+
+    def __init__(self, master: str, local: Collection[str]) -> None:
+        self.master, self.local = master, local
+        self._runs = Runs()
+        self._owners: dict[tuple[str, str], _Owner] = {}
+        """By (node, its address)."""
+        self._last: dict[str, str] = {}
+        """Node -> the service that ran it last, as long as that is active."""
+        self._dead: dict[tuple[str, str], float] = {}
+        """(node, its address) -> when it was first found dead."""
+        self._takeovers: tuple[Takeover, ...] = ()
+
+    def look(self, runs: Runs) -> tuple[RosGraph, list[str]]:
+        """Return the graph, and the dead nodes that can be unregistered now. Raises OSError if there is no master."""
+        state = read_state(self.master)
+        self._state = state
+        dead = self._find_dead(state)
+        nodes = self._who_runs({n: uri for n, uri in state.places.items() if n not in dead}, runs)
+        self._takeovers = takeovers(self._takeovers, self._last, nodes, runs.active)
+        known = {**self._last, **{n: s for n, s in nodes.items() if s}}
+        self._last = {n: s for n, s in known.items() if s in runs.active}
+        return _graph(state, nodes, self._takeovers), [node for node, long in dead.items() if long]
+
+    def purge(self, node: str) -> bool:
+        """Unregister a node as the last look found it; return whether it was still registered."""
+        with contextlib.suppress(LookupError, OSError):
+            unregister(self.master, node, self._state)
+            return True
+        return False
+
+    def _find_dead(self, state: RosState) -> dict[str, bool]:
+        """Nodes of this machine at whose addresses nothing listens; with each, whether an earlier look found that too.
+        A paused node still listens. It is not connected to needlessly: its queue of connections is short, and is not
+        emptied before it is resumed."""
+        ports, now = open_ports(), time.monotonic()
+        found = {
+            (node, uri)
+            for node, uri in state.places.items()
+            if (port := self._port(uri)) and port not in ports and refuses(uri)
+        }
+        self._dead = {key: self._dead.get(key, now) for key in found}
+        return {key[0]: now - since >= APART for key, since in self._dead.items()}
+
+    def _port(self, uri: str) -> int:
+        """The port of an address on this machine, otherwise 0."""
+        with contextlib.suppress(OSError):
+            host, port = place_of(uri)
+            return port if host in self.local else 0
+        return 0
+
+    def _who_runs(self, places: Mapping[str, str], runs: Runs) -> dict[str, str]:
+        """Node -> service. Looks for processes only if a node or a run is new."""
+        alive = {name: run.incarnation for name, run in runs.alive.items()}
+        before, keys = self._owners, {(node, uri) for node, uri in places.items()}
+        kept = {k: o for k, o in before.items() if k in keys and alive.get(o.service) == o.incarnation}
+        others = {k: o for k, o in before.items() if k in keys and not o.service} if runs == self._runs else {}
+        self._owners, self._runs = {**kept, **others}, runs
+        if unknown := keys - self._owners.keys():
+            self._owners |= self._find_owners(unknown, runs)
+        return {node: self._owners[node, uri].service for node, uri in places.items()}
+
+    def _find_owners(self, keys: Collection[tuple[str, str]], runs: Runs) -> dict[tuple[str, str], _Owner]:
+        """Find owners by the process that listens at a node's address; otherwise by the manifest that names the
+        node."""
+        processes, found = listeners(), {}
+        services = {run.pid: name for name, run in runs.alive.items() if run.pid}
+        for node, uri in keys:
+            forebears = lineage(processes.get(self._port(uri)))
+            name = next((services[pid] for pid in forebears if pid in services), "")
+            if not forebears:
+                named = [service for service, run in runs.alive.items() if node in run.nodes]
+                name = named[0] if len(named) == 1 else ""
+            found[node, uri] = _Owner(name, runs.alive[name].incarnation if name else "")
+        return found
+
+
+def _graph(state: RosState, nodes: Mapping[str, str], changed: tuple[Takeover, ...]) -> RosGraph:
+    publishers, subscribers, providers = (
+        {name: tuple(sorted(n for n in named if n in nodes)) for name, named in part.items()} for part in state.graph
+    )
+    return RosGraph(nodes=nodes, publishers=publishers, subscribers=subscribers, providers=providers, takeovers=changed)
 
 
 @dataclass(frozen=True, slots=True)
