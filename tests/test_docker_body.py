@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from rorg.engines.docker.body import OPTIONS, create_body
-from rorg.engines.docker.live_options import live_options, update_body
+from rorg.engines.docker.inspection import live_options, update_body
 from rorg.manifest.container import ContainerOptions
 
 NOT_SENT = {"env_file"}

@@ -17,10 +17,10 @@ from forwarder import Forwarder
 from robots import WORK
 
 from rorg.core.observed import LABEL_OWNER, LABEL_SERVICE
+from rorg.engines.docker.answers import Frames
 from rorg.engines.docker.client import Client
 from rorg.engines.docker.engine import DockerEngine
 from rorg.engines.docker.errors import Refused
-from rorg.engines.docker.frames import Frames
 from rorg.errors import EngineError, TimedOut, Unreachable
 
 COUNT = 4

@@ -1,9 +1,10 @@
-"""Where a copied file or directory goes, on every engine: as with cp -r."""
+"""Copies files and directories as cp -r does: where a copy goes on every engine, and copies on this machine."""
 
 from __future__ import annotations
 
 import contextlib
 import os
+import shutil
 import tarfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -30,3 +31,23 @@ def refused(what: str) -> Iterator[None]:
         raise Invalid(what, f"{error.filename}: {error.strerror}", "another place") from error
     except tarfile.TarError as error:
         raise Invalid(what, f"what the engine sent is not an archive: {error}") from error
+
+
+def copy(source: str, place: str) -> None:
+    """Copy like cp -r: modes and links are kept. Raises Invalid."""
+    origin, directory = Path(source), Path(source).is_dir()
+    target = place_of(source, Path(place), Path(place).is_dir(), directory)
+    what = f"copy {source} to {target}"
+    if not directory and not origin.is_file():
+        why = "it is neither a file nor a directory" if origin.exists() else "no such file"
+        raise Invalid(what, why, "another path")
+    if target.resolve() == origin.resolve() or (directory and origin.resolve() in target.resolve().parents):
+        raise Invalid(what, "it would be copied into itself", "another place")
+    try:
+        with refused(what):
+            if directory:
+                shutil.copytree(source, target, symlinks=True, dirs_exist_ok=True)
+            else:
+                shutil.copy2(source, target)
+    except shutil.Error as error:
+        raise Invalid(what, str(error.args[0][0][2]), "another place") from error

@@ -13,10 +13,10 @@ import time
 import uuid
 from collections.abc import Iterator, Sequence
 
+from rorg.engines.docker.answers import STDERR, STDOUT, Frames
 from rorg.engines.docker.client import CHUNK, Client, Stream
 from rorg.engines.docker.errors import Refused
 from rorg.engines.docker.exec import MARK, STARTING, end, inspect
-from rorg.engines.docker.frames import STDERR, STDOUT, Frames
 
 LOOK = 0.25
 """Seconds between two checks of the size of our terminal."""

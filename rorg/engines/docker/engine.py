@@ -15,13 +15,11 @@ from rorg.engines.docker.answers import MOST_ANSWER, from_json
 from rorg.engines.docker.body import Body
 from rorg.engines.docker.client import API_TIMEOUT, Client
 from rorg.engines.docker.connect import engine_host
-from rorg.engines.docker.create import create_container
+from rorg.engines.docker.create import create_container, name_taken
 from rorg.engines.docker.errors import docker_errors
 from rorg.engines.docker.images import missing_images
 from rorg.engines.docker.inside import Inside
-from rorg.engines.docker.inspection import read_container
-from rorg.engines.docker.live_options import update_body
-from rorg.engines.docker.owner import name_taken
+from rorg.engines.docker.inspection import read_container, update_body
 from rorg.engines.docker.ping import Pinger
 from rorg.engines.docker.volumes import remove_container
 from rorg.engines.protocol import NONE, Usage, stop_sequence

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from rorg.engines.docker.answers import Frames
 from rorg.engines.docker.client import Client
-from rorg.engines.docker.frames import Frames
 from rorg.host.commands import Exceeded, Output
 
 MARK = "RORG_EXEC"

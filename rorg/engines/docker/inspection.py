@@ -1,4 +1,4 @@
-"""The engine's inspection of a container, as a Container."""
+"""The engine's inspection of a container, as a Container; and its live options, which an update changes in place."""
 
 from __future__ import annotations
 
@@ -8,13 +8,15 @@ from datetime import datetime
 from typing import Any
 
 from rorg.core.observed import Container, from_labels
-from rorg.engines.docker.live_options import live_options
+from rorg.engines.docker.body import NANO, Body, create_body
 from rorg.host.clock import process_start
+from rorg.model.options import LIVE, OPTIONS
 
 ENGINES_OWN = ("bridge", "host", "none")
 """Networks that every engine has."""
 NEVER = "0001-01-01T00:00:00Z"
 """The engine's start time of a container that never started."""
+_LIVE = {name: OPTIONS[name].api.removeprefix("HostConfig.") for name in LIVE - {"container_name"}}
 
 
 def epoch_seconds(stamp: str) -> float:
@@ -60,3 +62,23 @@ def _networks(data: Mapping[str, Any]) -> dict[str, str]:
     """By name, the ids of the networks that it joins; the engine's own are left out, since they never change."""
     found = (data.get("NetworkSettings") or {}).get("Networks") or {}
     return {name: (n or {}).get("NetworkID") or "" for name, n in found.items() if name not in ENGINES_OWN}
+
+
+def live_options(host: Mapping[str, Any]) -> dict[str, Any]:
+    """Live options of a container, from the HostConfig of its inspection, in the units of manifests."""
+    found = {option: host[key] for option, key in _LIVE.items() if key in host}
+    found["cpus"] = (host.get("NanoCpus") or 0) / NANO
+    found["pids_limit"] = host.get("PidsLimit")  # None if it was never in force
+    policy = host.get("RestartPolicy") or {}
+    count = policy.get("MaximumRetryCount") or 0
+    found["restart"] = (policy.get("Name") or "no") + (f":{count}" if count else "")
+    return found
+
+
+def update_body(options: Mapping[str, Any]) -> Body:
+    """The body of POST /containers/ID/update. A memory limit also moves the limit of memory and swap together, as
+    create does: the engine refuses a limit above the old one of both."""
+    body: Body = create_body(options, {})["HostConfig"]
+    if "Memory" in body and "MemorySwap" not in body:
+        body["MemorySwap"] = 2 * body["Memory"] or -1
+    return body

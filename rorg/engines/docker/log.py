@@ -8,8 +8,8 @@ from contextlib import nullcontext
 from http.client import HTTPException
 from typing import Any
 
+from rorg.engines.docker.answers import Frames
 from rorg.engines.docker.client import Client
-from rorg.engines.docker.frames import Frames
 from rorg.engines.docker.inspection import epoch_seconds
 from rorg.engines.log_lines import LogLine, Reading
 from rorg.model.units import nano_stamp

@@ -10,8 +10,8 @@ from rorg.core.objects import LABELS, found_object
 from rorg.core.observed import LABEL_OWNER, FoundObject, FoundObjects
 from rorg.engines.docker.answers import from_json
 from rorg.engines.docker.client import Client
+from rorg.engines.docker.create import other_rorg
 from rorg.engines.docker.errors import Refused
-from rorg.engines.docker.owner import other_rorg
 from rorg.errors import EngineError
 from rorg.model.objects import Kind, subject
 

@@ -18,12 +18,11 @@ from typing import Any
 
 from rorg.core.observed import LABEL_OWNER, Container, from_labels
 from rorg.engines.log_lines import LogLine, Reading
-from rorg.engines.process.copy_files import copy
+from rorg.engines.places import copy
 from rorg.engines.process.events import Changes
 from rorg.engines.process.launch import folder_of, hear_signals, launch, run_attached, run_beside
 from rorg.engines.process.log import follow_lines, read_lines, read_log_from, trim_log
 from rorg.engines.process.records import Record, Records
-from rorg.engines.process.signals import end, send, switch
 from rorg.engines.process.table import stat
 from rorg.engines.protocol import NONE, Usage
 from rorg.errors import EngineError
@@ -143,21 +142,21 @@ class ProcessEngine:
         self._write(launch(self.records, record))
 
     def pause(self, container: str) -> None:
-        switch(self.records, self.records.read(container), "pause", signal.SIGSTOP, "running", "paused")
+        self.records.switch(self.records.read(container), "pause", signal.SIGSTOP, "running", "paused")
         self.changes.tell(container)
 
     def resume(self, container: str) -> None:
-        switch(self.records, self.records.read(container), "resume", signal.SIGCONT, "paused", "running")
+        self.records.switch(self.records.read(container), "resume", signal.SIGCONT, "paused", "running")
         self.changes.tell(container)
 
     def stop(self, container: str, signal: str, grace: float) -> None:
         record = self.records.read(container)
         if record.get("pid"):
-            end(self.records, record, signal, grace)
+            self.records.end(record, signal, grace)
             self.changes.tell(container)
 
     def signal(self, container: str, name: str) -> None:
-        send(self.records.read(container), signal.Signals[name].value)
+        self.records.send(self.records.read(container), signal.Signals[name].value)
 
     def remove(self, container: str, volumes: bool = False) -> None:
         try:

@@ -1,16 +1,20 @@
-"""The records on disk, one folder for each container, and the state of each."""
+"""The records on disk, one folder for each container: the state of each, and signals that change it."""
 
 from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
+import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from rorg.engines.process.table import is_same, known, stat
+from rorg.engines.process.table import is_same, known, members, signal_group, stat
+from rorg.engines.protocol import stop_sequence
 from rorg.errors import EngineError
+from rorg.model.signals import signal_number
 from rorg.store.files import make_directory, read_state, write_atomic
 
 Record = Mapping[str, Any]
@@ -78,6 +82,47 @@ class Records:
         except ValueError:
             pass
         return "exited", 137
+
+    def send(self, record: Record, number: int) -> bool:
+        """Send a signal to all its processes; False if none is left."""
+        return bool(record.get("pid")) and signal_group(
+            record["pid"], record["ticks"], record["boot"], record["id"], number
+        )
+
+    def switch(self, record: Record, verb: str, number: int, before: str, after: str) -> None:
+        """Send a signal that changes the state of a container, and return when it has changed. Raises EngineError
+        (conflict)."""
+        if (now := self.state(record)[0]) != before:
+            raise EngineError(f"{verb} {record['name']}", f"it is {now}, not {before}", kind="conflict")
+        self.send(record, number)
+        deadline = time.monotonic() + 2.0
+        while (now := self.state(record)[0]) != after:
+            if now == "exited" or time.monotonic() > deadline:
+                raise EngineError(f"have {record['name']} {after}", f"it is {now}", kind="conflict")
+            time.sleep(0.002)
+
+    def end(self, record: Record, name: str, grace: float) -> None:
+        """End a run. A stopped group receives signals only when it continues: so first the signal, then SIGCONT. A
+        signal that the kernel does not have is skipped. Raises EngineError if it still runs at the end."""
+        for step, seconds in stop_sequence(name, grace):
+            try:
+                number = signal_number(step)
+            except ValueError:
+                continue
+            if not self.send(record, number):
+                return
+            self.send(record, signal.SIGCONT)
+            if self._ended(record, seconds):
+                return
+        raise EngineError(f"stop {record['name']}", "it did not end after SIGKILL", "`dmesg` for a device that hangs")
+
+    def _ended(self, record: Record, seconds: float) -> bool:
+        deadline = time.monotonic() + seconds
+        while time.monotonic() < deadline:
+            if self.state(record)[0] == "exited" and not members(record["pid"], record["id"]):
+                return True
+            time.sleep(0.005)
+        return False
 
 
 def _json(path: Path) -> Any:
