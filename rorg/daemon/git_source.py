@@ -6,8 +6,10 @@ import os
 import threading
 from collections.abc import Callable
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any
 
+from rorg.daemon.wakes import Wakes
 from rorg.host.git import head
 from rorg.host.git_cache import GitCache, Unacceptable, Unreachable
 
@@ -21,10 +23,10 @@ class GitSource:
 
     def __init__(self, cache: GitCache, poll: float, wall: Callable[[], str]) -> None:
         self.cache, self.poll, self.wall = cache, poll, wall
-        self.tell: Callable[[str, Any, str, str], None] = lambda *_: None
-        """(key, value, kind of event, message): an event, unless the last one of this key had the same value."""
-        self.moved: Callable[[], None] = lambda: None
-        """Called when the tree, or what is reported of it, may have changed."""
+        self.wakes = Wakes()
+        """Those of the loop. Woken when the tree, or what is reported of it, may have changed."""
+        self.events: SimpleQueue[tuple[str, object, str, str]] = SimpleQueue()
+        """For the reporter: (key, value, kind of event, message), as Recorder.when_new() takes them."""
         self.writing = self.empty = True
         self._accepted = ""
         self.commit = self.fetched_at = self.error = self._news = ""
@@ -113,9 +115,10 @@ class GitSource:
         changed, self.error = self.error != error, error
         shown = self.cache.followed.remote.shown
         kept = f"{self.commit[:10]} stays in force" if self.commit else "nothing new is in force"
-        self.tell("git", error, kind, f"git: {shown}: {error}; {kept}" if error else f"git: {shown} is followed again")
         if changed:
-            self.moved()
+            text = f"git: {shown}: {error}; {kept}" if error else f"git: {shown} is followed again"
+            self.events.put(("git", error, kind, text))
+            self.wakes.files_changed()
 
     def _prepare(self) -> None:
         self.cache.prepare()
@@ -123,7 +126,7 @@ class GitSource:
 
     def _in_force(self) -> None:
         self.commit, self.empty, self.writing = self.cache.commit, self.cache.empty, False
-        self.moved()
+        self.wakes.files_changed()
 
     def _sync(self) -> None:
         if self.writing:
@@ -151,4 +154,5 @@ class GitSource:
         self._in_force()
         if left := self.cache.submodules():
             text = f"git: submodules are not followed, their directories are empty: {', '.join(left)}"
-            self.tell("git-submodules", left, "git-submodules", text)
+            self.events.put(("git-submodules", left, "git-submodules", text))
+            self.wakes.wake()

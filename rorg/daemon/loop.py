@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 import traceback
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 from rorg.core.decide import Decision, decide
@@ -27,6 +27,7 @@ from rorg.daemon.wakes import Wakes
 from rorg.daemon.workers import Workers
 from rorg.engines.observe import Observer
 from rorg.engines.protocol import Engine
+from rorg.host.clock import booted_at
 from rorg.host.devices import DeviceWatch, elsewhere
 from rorg.host.load import Sampler
 from rorg.model.devices import Device, Plugged
@@ -82,9 +83,9 @@ class Loop:
     threads: tuple[Thread, ...]
     """They run as long as the loop does."""
     owner: str
-    clock: Callable[[], float]
-    wall: Callable[[], float]
-    booted_at: str
+    clock: Callable[[], float] = time.monotonic
+    wall: Callable[[], float] = time.time
+    booted_at: str = field(default_factory=booted_at)
 
     def __post_init__(self) -> None:
         self.learner = Learner(self.state.path, self.recorder.journal, self.clock, self.wall())

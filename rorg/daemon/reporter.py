@@ -49,7 +49,7 @@ class Reporter:
         shown = tuple(map(str, (*tree.errors, *tree.warnings)))
         if self.is_news("tree", (shown, tree.desired.catalog.fingerprint, tree.revision)):
             self._tree(tree)
-        self.when_new("git trust", tree.refusal, "git-refused", tree.refusal or "git trusts the manifests again")
+        self._git(tree)
         self._unknown(decision)
         if self.is_news("requests", tuple(map(str, requests.diagnostics))):
             for error in requests.diagnostics:
@@ -97,6 +97,11 @@ class Reporter:
                     self.event("manifest-warning", warning)
             self._warned = frozenset(warnings)
             self._ignored(tree)
+
+    def _git(self, tree: Tree) -> None:
+        self.when_new("git trust", tree.refusal, "git-refused", tree.refusal or "git trusts the manifests again")
+        while tree.source and not tree.source.events.empty():
+            self.when_new(*tree.source.events.get())
 
     def _ignored(self, tree: Tree) -> None:
         """Report the options that manifests declare and the engine ignores."""

@@ -28,7 +28,7 @@ from rorg.engines.protocol import Engine, Images
 from rorg.history.maintenance import Maintenance
 from rorg.history.retention import Retention
 from rorg.history.usage import UsageTable
-from rorg.host.clock import booted_at, wall_clock
+from rorg.host.clock import wall_clock
 from rorg.host.devices import DeviceWatch
 from rorg.host.git_cache import Followed, GitCache
 from rorg.host.load import Meter, Sampler
@@ -75,7 +75,8 @@ def make_source(state: StateDir, followed: Followed, poll: float) -> GitSource:
 def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], None]) -> Loop:
     """The same over a tree that may have been read already."""
     owner, clock = state.instance(), time.monotonic
-    wakes, recorder = Wakes(), Recorder(state, say, wall_clock, tree.masker)
+    wakes = tree.source.wakes if tree.source else Wakes()
+    recorder = Recorder(state, say, wall_clock, tree.masker)
     about, stopping = {"pid": os.getpid(), "engine_name": engine.name, "instance": owner}, threading.Event()
     observer = Observer(engine, wakes.wake_soon, lambda: tree.desired.catalog.policy.resync, clock, wakes.wake)
     running = Running(tree, engine, observer, recorder)
@@ -87,8 +88,7 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
     watcher = Watcher(lambda: [*tree.folders(), state.path], wakes.files_changed, _own_files(state))
     images = _image_manager(engine, owner, state, recorder, wakes)
     maintenance = Maintenance(recorder.history, recorder.event, lambda: _retention(tree), time.time)
-    bringers = [maintenance, *_bringers(tree.source, images, recorder, wakes)]
-    notified = Wakeup(state.path, wakes.requests_changed)
+    bringers, notified = _bringers(tree.source, images), Wakeup(state.path, wakes.requests_changed)
     return Loop(
         state=state,
         tree=tree,
@@ -108,11 +108,8 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
         # By the time of day, so that numbers grow over a restart of rorg.
         generations=Generations(int(time.time() * 1000)),
         wakes=wakes,
-        threads=(*bringers, prober, sampler, usage, ros, shm, devices, watcher, notified, observer),
+        threads=(maintenance, *bringers, prober, sampler, usage, ros, shm, devices, watcher, notified, observer),
         owner=owner,
-        clock=clock,
-        wall=time.time,
-        booted_at=booted_at(),
     )
 
 
@@ -121,14 +118,13 @@ def _retention(tree: Tree) -> Retention:
     return Retention(days=history.days, events=history.events, revisions=history.revisions)
 
 
-def _bringers(source: GitSource | None, images: ImageManager | None, recorder: Recorder, wakes: Wakes) -> list[Thread]:
+def _bringers(source: GitSource | None, images: ImageManager | None) -> list[Thread]:
     """What brings manifests and images: the follower of a repository, with a watch if that is on this machine."""
     found: list[Thread] = [images] if images else []
-    if source is not None:
-        source.tell, source.moved = recorder.when_new, wakes.files_changed
-        here = source.cache.followed.remote.local is not None
-        found += [source, *([Watcher(source.folders, source.ask, source.ignores)] if here else [])]
-    return found
+    if source is None:
+        return found
+    here = source.cache.followed.remote.local is not None
+    return [*found, source, *([Watcher(source.folders, source.ask, source.ignores)] if here else [])]
 
 
 def _image_manager(
