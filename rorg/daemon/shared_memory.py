@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import queue
 import threading
 import time
 from collections.abc import Callable
@@ -28,13 +27,7 @@ class ShmPurger:
         """The participants in that catalog."""
         self._quiet = False
         """Whether no participant ran at the last pass."""
-        self._ends: queue.Queue[float | None] = queue.Queue()
-
-    def start(self) -> None:
-        threading.Thread(target=self._run, name="shm-purger", daemon=True).start()
-
-    def stop(self) -> None:
-        self._ends.put(None)
+        self._lock = threading.Lock()
 
     def look(self, situation: Situation) -> None:
         """Notice that no participant runs any more."""
@@ -47,12 +40,11 @@ class ShmPurger:
             and none_runs(self._participants, catalog.services, situation.observed)
         )
         if quiet and not self._quiet:
-            self._ends.put(self.wall())
+            threading.Thread(target=self._purge, args=(self.wall(),), name="shm-purger", daemon=True).start()
         self._quiet = quiet
 
-    def _run(self) -> None:
-        while (ended := self._ends.get()) is not None:
-            with contextlib.suppress(OSError):  # without root's rights it is not known which files others use
-                removed = remove_unused(self.folder, group_of, ended)
-                if removed.files:
-                    self.tell(removed)
+    def _purge(self, ended: float) -> None:
+        with self._lock, contextlib.suppress(OSError):  # without root's rights it is not known which files others use
+            removed = remove_unused(self.folder, group_of, ended)
+            if removed.files:
+                self.tell(removed)

@@ -108,7 +108,7 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
         # By the time of day, so that numbers grow over a restart of rorg.
         generations=Generations(int(time.time() * 1000)),
         wakes=wakes,
-        threads=(maintenance, *bringers, prober, sampler, usage, ros, shm, devices, watcher, notified, observer),
+        threads=(maintenance, *bringers, prober, sampler, usage, ros, devices, watcher, notified, observer),
         owner=owner,
     )
 
