@@ -11,8 +11,15 @@ from rorg.core.observed import Silence
 from rorg.engines.protocol import Daemon
 from rorg.errors import Unreachable
 
+RETRY = (0.2, 0.5, 1.0, 2.0)
+"""Seconds between attempts to reach an engine that does not answer; the last one repeats."""
 EVERY = 0.5
 """Seconds between two pings. A silent engine is noticed within this and the time that a ping may take."""
+
+
+def retry_after(attempt: int) -> float:
+    """Seconds until the next attempt, after so many failed ones in a row."""
+    return RETRY[min(attempt, len(RETRY) - 1)]
 
 
 class Heartbeat:

@@ -10,8 +10,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import replace
 
 from rorg.core.observed import Container, Observed, Silence
-from rorg.engines.heartbeat import Heartbeat
-from rorg.engines.looks import Looks, retry_after
+from rorg.engines.heartbeat import Heartbeat, retry_after
 from rorg.engines.observe_objects import ObjectObserver
 from rorg.engines.protocol import Daemon, Objects, Observation
 from rorg.errors import RorgError, Unreachable
@@ -49,7 +48,8 @@ class Observer:
         """When, by that clock, the look began whose result the cache shows. Answers can overtake each other."""
         self._looked: dict[str, float] = {}
         """When, by the loop's clock, the last look began that the engine answered promptly."""
-        self._looks = Looks(self.refresh, self._last_look, wake, self._answering)
+        self._looking = False
+        """Whether looks that the loop asked for are under way."""
         self._acting: dict[str, list[str]] = {}
         """Containers with a call under way, with the states in events about them meanwhile."""
         self._snapshot = Observed(complete=False)
@@ -65,13 +65,13 @@ class Observer:
     def start(self) -> None:
         for target in (self._follow, self._resync_now_and_then):
             threading.Thread(target=target, name=f"observe-{target.__name__}", daemon=True).start()
-        for part in (self.objects, self.heartbeat, self._looks):
+        for part in (self.objects, self.heartbeat):
             if part:
                 part.start()
 
     def stop(self) -> None:
         self._stop.set()
-        for part in (self.objects, self.heartbeat, self._looks):
+        for part in (self.objects, self.heartbeat):
             if part:
                 part.stop()
         for event in (self._doubt, self._stream_end, self._answering):
@@ -228,10 +228,23 @@ class Observer:
             self._changed = self._changed or bool(containers)
 
     def look(self, looks: Mapping[str, float]) -> None:
-        """See Looks.ask()."""
-        self._looks.ask(looks)
+        """Look at each of these containers in a thread, unless a look at it began after that moment, and then wake the
+        loop. The loop asks in every pass, so what could not be looked at now is asked for again."""
+        left = {c: at for c, at in looks.items() if self._last_look(c) < at}
+        if left and not self._looking and self._answering.is_set():
+            self._looking = True
+            threading.Thread(target=self._look_at, args=(left,), name="looks", daemon=True).start()
+
+    def _look_at(self, looks: Mapping[str, float]) -> None:
+        for container in looks:
+            self.refresh(container)
+        if all(self._last_look(c) < at for c, at in looks.items()):
+            self._stop.wait(retry_after(1))  # the engine does not answer, or not promptly
+        self._looking = False
+        self.wake()
 
     def _last_look(self, container: str) -> float:
+        """When the last look at it began, by the loop's clock."""
         with self._lock:
             return self._looked.get(container, -1.0)
 
