@@ -21,6 +21,7 @@ from rorg.engines.docker.answers import Frames
 from rorg.engines.docker.client import Client
 from rorg.engines.docker.engine import DockerEngine
 from rorg.engines.docker.errors import Refused
+from rorg.engines.log_lines import Reading
 from rorg.errors import EngineError, TimedOut, Unreachable
 
 COUNT = 4
@@ -239,10 +240,10 @@ def test_a_stream_that_is_closed_ends(dockerd):
 
 def test_a_stream_of_events_that_the_engine_ends_leaves_no_thread(dockerd):
     """A robot sees many restarts of its engine in a year."""
-    engine, stop, before = DockerEngine("streams", dockerd.host), threading.Event(), set(threading.enumerate())
+    engine, stop, before = DockerEngine("streams", dockerd.host), Reading(), set(threading.enumerate())
 
     def left() -> list[threading.Thread]:
-        return [t for t in threading.enumerate() if t not in before and t.name.endswith("closer")]
+        return [t for t in threading.enumerate() if t not in before]
 
     for _ in range(3):
         for stream in (engine.events(stop), engine.object_events(stop)):
@@ -255,7 +256,7 @@ def test_a_stream_of_events_that_the_engine_ends_leaves_no_thread(dockerd):
 
 
 def test_a_stream_of_events_ends_when_it_is_told_to(dockerd):
-    engine, stop, ended = DockerEngine("streams", dockerd.host), threading.Event(), []
+    engine, stop, ended = DockerEngine("streams", dockerd.host), Reading(), []
 
     def follow(stream) -> None:
         ended.append(len(list(stream)))

@@ -1,4 +1,4 @@
-"""Lines of a container's log, and the reader that can be ended."""
+"""Lines of a container's log, and the reader of a stream that can be ended."""
 
 from __future__ import annotations
 
@@ -20,25 +20,16 @@ class LogLine(NamedTuple):
     """Where to continue after it."""
 
 
-class Reading:
-    """A reader of a log, until any thread ends it."""
+class Reading(threading.Event):
+    """A reader of a log or of events, until any thread sets this event. That also ends the calls that it waits for."""
 
     def __init__(self) -> None:
-        self._ended = threading.Event()
+        super().__init__()
         self._lock = threading.Lock()
         self._closers: list[Callable[[], None]] = []
 
-    @property
-    def ended(self) -> bool:
-        return self._ended.is_set()
-
-    def wait(self, seconds: float) -> bool:
-        """Wait up to that long; return whether it has ended."""
-        return self._ended.wait(seconds)
-
-    def end(self) -> None:
-        """End it, and the calls that it waits for."""
-        self._ended.set()
+    def set(self) -> None:
+        super().set()
         with self._lock:
             closers = tuple(self._closers)
         for close in closers:
@@ -50,7 +41,7 @@ class Reading:
         with self._lock:
             self._closers.append(close)
         try:
-            if self.ended:
+            if self.is_set():
                 close()
             yield
         finally:

@@ -62,10 +62,10 @@ class Entries:
     def put(self, entry: Entry) -> bool:
         """Add an entry; wait while there is no room. False if the consumer has gone."""
         with self._room:
-            self._room.wait_for(lambda: len(self._found) < HELD or self.reading.ended)
+            self._room.wait_for(lambda: len(self._found) < HELD or self.reading.is_set())
             self._found.append(entry)
         self._tell()
-        return not self.reading.ended
+        return not self.reading.is_set()
 
     def finish(self) -> None:
         """Nothing more will come."""
@@ -82,7 +82,7 @@ class Entries:
 
     def end(self) -> None:
         """The consumer has gone."""
-        self.reading.end()
+        self.reading.set()
         with self._room:
             self._room.notify_all()
 
@@ -149,7 +149,7 @@ def _entry(service: str, container: Container, line: LogLine) -> Entry:
 def _follow(engine: Engine, find: Find, name: str, cursor: str, entries: Entries) -> None:
     """Follow one service through its runs and containers, until the consumer goes."""
     reading, followed, told = entries.reading, "", ""
-    while not reading.ended:
+    while not reading.is_set():
         try:
             container = find(name)
             if container and container.started_at and container.incarnation != followed:

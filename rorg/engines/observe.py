@@ -11,6 +11,7 @@ from dataclasses import replace
 
 from rorg.core.observed import Container, Observed, Silence
 from rorg.engines.heartbeat import Heartbeat, retry_after
+from rorg.engines.log_lines import Reading
 from rorg.engines.observe_objects import ObjectObserver
 from rorg.engines.protocol import Daemon, Objects, Observation
 from rorg.errors import RorgError, Unreachable
@@ -57,7 +58,7 @@ class Observer:
         """The cache is ahead of the snapshot, which is made on demand."""
         self._silence: Silence | None = None
         self._stop, self._doubt = threading.Event(), threading.Event()
-        self._stream_end = threading.Event()
+        self._stream_end = Reading()
         """Set to end the current stream of events."""
         self.lists = 0
         """Full lists made so far."""
@@ -276,7 +277,7 @@ class Observer:
         attempt = 0
         while not self._stop.is_set():
             self._answering.wait()
-            ended = self._stream_end = threading.Event()
+            ended = self._stream_end = Reading()
             if self._stop.is_set() or not self._answering.is_set():
                 continue
             try:

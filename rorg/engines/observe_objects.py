@@ -7,6 +7,7 @@ import threading
 from collections.abc import Callable, Collection
 
 from rorg.core.observed import FoundObjects
+from rorg.engines.log_lines import Reading
 from rorg.engines.protocol import Objects
 from rorg.errors import RorgError, Unreachable
 
@@ -25,7 +26,7 @@ class ObjectObserver:
         self._lock, self._one = threading.Lock(), threading.Lock()
         self._keys: frozenset[str] = frozenset()
         self._found = FoundObjects()
-        self._stop, self._doubt, self._matters = threading.Event(), threading.Event(), threading.Event()
+        self._stop, self._doubt, self._matters = Reading(), threading.Event(), threading.Event()
         self.looks = 0
         """Looks at the engine so far."""
 

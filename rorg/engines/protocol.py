@@ -98,7 +98,7 @@ class Observation(Protocol):
         """Return one container; None if it is gone or has another owner."""
         ...
 
-    def events(self, stop: threading.Event) -> Iterator[tuple[str, str]]:
+    def events(self, stop: Reading) -> Iterator[tuple[str, str]]:
         """Yield the changes of our containers as (id, new state), with "" for a state that only inspect() can tell, and
         ("", "") when everything must be listed: at the beginning of the stream, or every LIST_EVERY seconds from an
         engine without events. Ends when `stop` is set; raises Unreachable when the stream breaks."""
@@ -144,7 +144,7 @@ class Objects(Protocol):
     def find_objects(self, keys: Collection[str]) -> FoundObjects:
         """Return all of this owner, and everything whose name is one of these `keys`."""
 
-    def object_events(self, stop: threading.Event) -> Iterator[None]:
+    def object_events(self, stop: Reading) -> Iterator[None]:
         """Yield once when the stream begins, and for each network or volume that comes or goes; see events()."""
 
     def make_object(self, kind: Kind, name: str, spec: Mapping[str, Any], labels: Mapping[str, str]) -> None:

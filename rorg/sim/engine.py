@@ -225,7 +225,7 @@ class SimEngine:
     def log_follow(self, container: str, place: str, reading: Reading) -> Iterator[LogLine]:
         """Output from say() so far."""
         lines = self.log_lines(container, None, None, False)
-        yield from (line for line in lines if int(line.place) > int(place or 0) and not reading.ended)
+        yield from (line for line in lines if int(line.place) > int(place or 0) and not reading.is_set())
 
     def log_since(self, container: str, place: str) -> Iterator[tuple[bytes, str]]:
         self._get(container)

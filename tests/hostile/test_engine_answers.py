@@ -14,6 +14,7 @@ from robots import WORK
 
 from rorg.core.observed import LABEL_OWNER, LABEL_SERVICE
 from rorg.engines.docker.engine import DockerEngine
+from rorg.engines.log_lines import Reading
 from rorg.errors import EngineError, RorgError, Unreachable
 
 MOST_MEMORY = 200 << 20
@@ -56,7 +57,7 @@ def endless(tmp_path) -> Iterator[Endless]:
 
 
 def next_event(engine: DockerEngine) -> None:
-    events = engine.events(threading.Event())
+    events = engine.events(Reading())
     next(events)
     next(events)
 

@@ -30,8 +30,6 @@ ANSWER = 1.5
 """Seconds within which a working engine answers a ping, however busy it is."""
 READS = ("GET", "HEAD")
 
-LOOK = 5.0
-"""Seconds for which a thread may outlive the stream that it would have closed."""
 CHUNK = 1 << 16
 """Bytes that are read in one piece."""
 Method = Literal["GET", "HEAD", "POST", "PUT", "DELETE"]
@@ -192,23 +190,6 @@ class Stream:
         """End it, from any thread: its reader sees the end."""
         with suppress(OSError):  # it has ended already
             self._taken.shutdown(socket.SHUT_RDWR)
-
-    @contextmanager
-    def until(self, stop: threading.Event) -> Iterator[None]:
-        """Closes the stream when `stop` is set within the block."""
-        over = threading.Event()
-
-        def close() -> None:
-            while not stop.wait(LOOK):
-                if over.is_set():
-                    return
-            self.close()
-
-        threading.Thread(target=close, daemon=True, name="stream-closer").start()
-        try:
-            yield
-        finally:
-            over.set()
 
     def send(self, content: bytes) -> None:
         """Send data to the other end, from any thread; wait while it is not taken."""

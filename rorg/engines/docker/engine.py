@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import threading
 import time
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -22,6 +21,7 @@ from rorg.engines.docker.inside import Inside
 from rorg.engines.docker.inspection import read_container, update_body
 from rorg.engines.docker.ping import Pinger
 from rorg.engines.docker.volumes import remove_container
+from rorg.engines.log_lines import Reading
 from rorg.engines.protocol import NONE, Usage, stop_sequence
 from rorg.errors import EngineError, TimedOut, Unreachable
 from rorg.host.cgroups import container_usage, end_processes
@@ -126,12 +126,12 @@ class DockerEngine(Inside):
         labels = data["Config"].get("Labels") or {}
         return read_container(data, self.local) if labels.get(LABEL_OWNER) == self.owner else None
 
-    def events(self, stop: threading.Event) -> Iterator[tuple[str, str]]:
+    def events(self, stop: Reading) -> Iterator[tuple[str, str]]:
         filters = {"type": ["container"], "label": [f"{LABEL_OWNER}={self.owner}"]}
         with (
             docker_errors("follow the engine's events"),
             self.client.stream("GET", "/events", filters=filters) as found,
-            found.until(stop),
+            stop.closing(found.close),
         ):
             yield "", ""
             for line in found.lines():
@@ -235,7 +235,7 @@ class DockerEngine(Inside):
         with docker_errors("list networks and volumes"):
             return objects.find(self.client, self.owner, keys)
 
-    def object_events(self, stop: threading.Event) -> Iterator[None]:
+    def object_events(self, stop: Reading) -> Iterator[None]:
         with docker_errors("follow the engine's events"):
             yield from objects.events(self.client, stop)
         if not stop.is_set():

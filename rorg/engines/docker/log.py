@@ -54,7 +54,7 @@ def follow(client: Client, container: str, place: str, reading: Reading) -> Iter
     try:
         yield from _stamped(client, container, None, reading, place, follow=True, since=seconds)
     except (OSError, HTTPException, ValueError):
-        if not reading.ended:
+        if not reading.is_set():
             raise
 
 

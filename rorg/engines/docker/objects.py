@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
@@ -12,6 +11,7 @@ from rorg.engines.docker.answers import from_json
 from rorg.engines.docker.client import Client
 from rorg.engines.docker.create import other_rorg
 from rorg.engines.docker.errors import Refused
+from rorg.engines.log_lines import Reading
 from rorg.errors import EngineError
 from rorg.model.objects import Kind, subject
 
@@ -41,10 +41,10 @@ def find(client: Client, owner: str, keys: Collection[str]) -> FoundObjects:
     return FoundObjects(found, asked, complete=True, error=error)
 
 
-def events(client: Client, stop: threading.Event) -> Iterator[None]:
+def events(client: Client, stop: Reading) -> Iterator[None]:
     """One item when the stream begins, and one for each that comes or goes. The events have no labels."""
     filters = {"type": ["network", "volume"], "event": list(EVENTS)}
-    with client.stream("GET", "/events", filters=filters) as found, found.until(stop):
+    with client.stream("GET", "/events", filters=filters) as found, stop.closing(found.close):
         yield
         for line in found.lines():
             if from_json(line).get("Action") in EVENTS:

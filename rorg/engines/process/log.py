@@ -84,7 +84,7 @@ def follow_lines(path: Path, place: int, over: Callable[[], bool], reading: Read
     An open file is read to its end even after its folder is removed."""
     descriptor = _open(path)
     try:
-        while not reading.ended:
+        while not reading.is_set():
             last = over()
             for text, after in _lines(descriptor, place, not last):
                 place = after
