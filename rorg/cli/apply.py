@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import time
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rorg.cli.context import Context
+from rorg.cli.differences import Differences, differences, warn_of_other_tree
 from rorg.cli.options import Directory, EngineName, Output, StateDirectory, Timeout, Wait, Yes
 from rorg.cli.output import consent, note, print_rows
+from rorg.cli.published import SETTLED, condition, hopeless, unready
+from rorg.errors import NotReady, Refused
+from rorg.model.codes import IMAGE
+from rorg.model.units import stamp
 
 if TYPE_CHECKING:
-    from rorg.cli.context import Context
-    from rorg.cli.differences import Differences
     from rorg.store.requests_document import RequestsDocument
 
 
@@ -26,9 +32,6 @@ def command(
 
     Example: rorg apply --yes --wait --timeout 5m
     """
-    from rorg.cli.context import Context
-    from rorg.cli.differences import differences
-
     context = Context(state_dir, engine, directory, local=True)
     owner = taken(context, "rorg apply")
     if owner is not None:
@@ -57,9 +60,6 @@ def agree(
     nothing: bool = True,
 ) -> None:
     """Shows the plan, and asks unless there is `nothing` else to agree to and nothing to do. Raises Refused."""
-    from rorg.cli.differences import warn_of_other_tree
-    from rorg.errors import Refused
-
     if owner is not None:
         _follows(context, owner, shown)
         if (context.live() or {}).get("down"):
@@ -131,10 +131,6 @@ def _through(context: Context, owner: dict[str, Any], shown: Differences, wait: 
 
 def _follows(context: Context, owner: dict[str, Any], shown: Differences) -> None:
     """Raises Refused if another program owns the robot, or rorg follows another tree."""
-    from pathlib import Path
-
-    from rorg.errors import Refused
-
     tree = {} if shown.told else (context.live() or {}).get("tree", {})
     followed, robot = tree.get("root"), tree.get("robot") or ""
     other = followed and (Path(followed) != context.root.resolve() or robot != context.robot)
@@ -149,11 +145,6 @@ def _follows(context: Context, owner: dict[str, Any], shown: Differences) -> Non
 
 def _on_trust(view: dict[str, Any], probed: list[str]) -> str:
     """The services that have just begun to run and have no probe that says whether they are well; empty without any."""
-    import time
-
-    from rorg.cli.published import SETTLED
-    from rorg.model.units import stamp
-
     now = time.time()
     since, until = stamp(now - SETTLED), stamp(now)
     fresh = [
@@ -166,10 +157,6 @@ def _on_trust(view: dict[str, Any], probed: list[str]) -> str:
 
 def _unfinished(view: dict[str, Any], wait: bool) -> str:
     """Why the running rorg is not done; empty if it is. Raises NotReady if waiting is hopeless."""
-    from rorg.cli.published import condition, hopeless, unready
-    from rorg.errors import NotReady
-    from rorg.model.codes import IMAGE
-
     images = any(w.get("code") == IMAGE for w in view["plan"]["waitings"])
     if not view["engine"]["complete"]:
         return str(view["engine"]["error"]) or "it is not known what runs"

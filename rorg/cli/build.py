@@ -7,10 +7,11 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from rorg.cli.context import Context
 from rorg.cli.options import (
     Argument,
     EngineName,
@@ -19,12 +20,13 @@ from rorg.cli.options import (
     Output,
     OwnStateDirectory,
 )
-from rorg.cli.output import note
-from rorg.cli.terminal import printable
+from rorg.cli.output import missing, note, print_rows
+from rorg.cli.terminal import entry, printable
+from rorg.errors import NotReady
+from rorg.model.image_names import declared
+from rorg.store.files import read_state
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
     from rich.console import RenderableType
 
     from rorg.images.order import Listener, Order, Result
@@ -54,11 +56,8 @@ def command(
 
     Example: rorg build navigation --pull
     """
-    from rorg.cli.context import Context
-    from rorg.cli.output import missing
     from rorg.images.references import references_for
     from rorg.images.supply import Supplier
-    from rorg.model.image_names import declared
 
     context = Context(state_dir, engine, Path(directory) if directory else None, local=True, own=True)
     catalog = context.catalog()
@@ -81,8 +80,6 @@ def command(
 
 def _print_orders(orders: Sequence[Order], output: str) -> None:
     """Prints what rorg would build and pull, in order."""
-    from rorg.cli.output import print_rows
-
     rows = [{"image": o.name, "action": _action(o), "reference": o.reference, "after": list(o.below)} for o in orders]
     print_rows(rows, output, ("image", "action"), ("reference",))
 
@@ -95,9 +92,6 @@ def _action(order: Order) -> str:
 
 def _print_results(called: Mapping[str, str], results: Sequence[Result], output: str) -> None:
     """Raises NotReady if an image is missing."""
-    from rorg.cli.output import note, print_rows
-    from rorg.errors import NotReady
-
     if output != "table":
         rows = [
             {
@@ -128,10 +122,6 @@ def _print_results(called: Mapping[str, str], results: Sequence[Result], output:
 
 def _tell_failure(name: str, result: Result) -> None:
     """Prints the failed instruction, the last lines of the log, and the file with all of it."""
-    from rorg.cli.output import note
-    from rorg.cli.terminal import entry
-    from rorg.store.files import read_state
-
     note(f"{name} failed{' at ' + result.step if result.step else ''}: {result.message}")
     try:
         lines = read_state(Path(result.log)).splitlines()[-TOLD:] if result.log else []

@@ -6,14 +6,12 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from rorg.cli.commands import ALIASES, COMMANDS, command_of
+from rorg.cli.context import Context
 from rorg.cli.options import DIRECTORIES, FILES, GROUPS, NAMES_OF_KIND, REQUESTS, SERVICES, Argument, Option
 from rorg.cli.signature import Parameter, parameters
-
-if TYPE_CHECKING:
-    from rorg.cli.context import Context
 
 PATIENCE = 1.0
 """Longest time, in seconds, that a shell waits for names."""
@@ -137,8 +135,6 @@ def _values(parameter: Parameter, given: Given) -> dict[str, str]:
 def _names(kind: str, given: Given) -> Iterable[str]:
     """The names of a kind; none if anything goes wrong, because a shell asks."""
     try:
-        from rorg.cli.context import Context
-
         state, tree = given.options.get("state_dir"), given.options.get("directory")
         context = Context(Path(state) if state else None, None, Path(tree) if tree else None)
         context.notices.quiet = True

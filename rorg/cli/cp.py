@@ -5,7 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
+from rorg.cli.context import Context
+from rorg.cli.exec import container_of
 from rorg.cli.options import Argument, EngineName, StateDirectory
+from rorg.errors import Invalid
 
 Place = Annotated[str, Argument("SERVICE:PATH, or a path on this machine; one of each.")]
 
@@ -20,10 +23,6 @@ def command(
 
     Example: rorg cp navigation:/root/map.yaml .
     """
-    from rorg.cli.context import Context
-    from rorg.cli.exec import container_of
-    from rorg.errors import Invalid
-
     what = f"copy {source} to {target}"
     (from_service, origin), (to_service, place) = _parted(source), _parted(target)
     if bool(from_service) == bool(to_service) or not (origin and place):

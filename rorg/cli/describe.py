@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+import json
+from typing import Any
 
+from rorg_client import calls
+
+from rorg.cli.context import Context
 from rorg.cli.options import EngineName, Output, ServiceName, StateDirectory
-from rorg.cli.output import echo
-
-if TYPE_CHECKING:
-    from rorg.cli.context import Context
+from rorg.cli.output import dump, echo
+from rorg.cli.terminal import printable
 
 
 def command(
@@ -19,16 +21,10 @@ def command(
 
     Example: rorg describe navigation
     """
-    from rorg.cli.context import Context
-    from rorg.cli.output import dump
-    from rorg.cli.terminal import printable
-
     context = Context(state_dir, engine)
     context.view()  # for its notices, such as refused manifests
     client = context.client()
     if client:
-        from rorg_client import calls
-
         found: list[dict[str, Any]] = client.do(calls.description(service))
     else:
         found = _here(context, service)
@@ -46,8 +42,6 @@ def command(
 
 def _here(context: Context, service: str) -> list[dict[str, Any]]:
     """Described by this process, if no rorg runs."""
-    import json
-
     from rorg.api.description import describe
     from rorg.cli.offline import Local
     from rorg.history.database import reading

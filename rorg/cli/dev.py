@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 from typing import Annotated
 
+from rorg.cli.context import Context
 from rorg.cli.options import (
     DIRECTORIES,
     SERVICES,
@@ -17,6 +18,8 @@ from rorg.cli.options import (
     StateDirectory,
     Yes,
 )
+from rorg.cli.output import print_rows
+from rorg.errors import Invalid
 
 
 def command(
@@ -51,10 +54,7 @@ def command(
 
     Example: rorg dev navigation --workspace ~/ws -- make
     """
-    from rorg.cli.context import Context
     from rorg.cli.dev_containers import Developing, Wish, rows
-    from rorg.cli.output import print_rows
-    from rorg.errors import Invalid
 
     if stop + devcontainer + bool(fresh or command) > 1:
         raise Invalid(

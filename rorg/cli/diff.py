@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import sys
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
+from rorg.cli.context import Context
+from rorg.cli.differences import Differences, differences, line, past_of, tree_of, warn_of_other_tree
 from rorg.cli.options import FORMS, SERVICES, Argument, Directory, EngineName, Option, StateDirectory
-from rorg.cli.output import dump, echo
+from rorg.cli.output import dump, echo, note, print_rows
 from rorg.cli.terminal import printable
-
-if TYPE_CHECKING:
-    from rorg.cli.context import Context
-    from rorg.cli.differences import Differences
+from rorg.errors import Exit, Invalid
 
 
 def command(
@@ -46,13 +46,6 @@ def command(
 
     Example: rorg diff HEAD~1
     """
-    import os
-
-    from rorg.cli.context import Context
-    from rorg.cli.differences import differences, line, warn_of_other_tree
-    from rorg.cli.output import note
-    from rorg.errors import Exit, Invalid
-
     if directory and not (rev or os.path.isdir(directory) or str(directory).startswith(("/", "../"))):
         directory, rev = None, str(directory)
     if service and output == "wide":
@@ -80,10 +73,7 @@ def command(
 
 def _between(context: Context, rev: str, service: str, unified: bool, output: str) -> None:
     """Shows what changed between two states from the history, A..B; an empty name is HEAD, as with git."""
-    from rorg.cli.differences import past_of, tree_of
-    from rorg.cli.output import print_rows
     from rorg.core.changed_fields import manifest_changes
-    from rorg.errors import Exit, Invalid
 
     if unified or output == "wide":
         why = "two states of the manifests have no containers and no steps"

@@ -13,7 +13,8 @@ from rorg_client import Error as ClientError
 from rorg.cli.context import ROBOT, Context, bad_requests
 from rorg.cli.output import note
 from rorg.cli.terminal import hide, printable
-from rorg.errors import Invalid
+from rorg.errors import Invalid, Unreachable
+from rorg.model.units import counted
 
 if TYPE_CHECKING:
     from rorg.daemon.commit_tree import CommitTree
@@ -62,8 +63,6 @@ def differences(context: Context, unified: bool = False, rev: str = "") -> Diffe
     if found is None:
         return _computed(context, unified, rev)
     if found["errors"]:
-        from rorg.model.units import counted
-
         raise Invalid(
             f"use the manifests in {found['root']}",
             counted(len(found["errors"]), "error") + "\n" + "\n".join(line(d) for d in found["errors"]) + "\n",
@@ -144,7 +143,6 @@ def tree_of(context: Context) -> Tree:
 def past_of(context: Context, tree: Tree, rev: str) -> CommitTree:
     """A state of the tree from the history: by its number there, or as git names it."""
     from rorg.daemon.commit_tree import load_at
-    from rorg.errors import Unreachable
     from rorg.history.database import reading
     from rorg.history.revisions import NUMBER, Revisions, for_git
 

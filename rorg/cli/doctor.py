@@ -7,13 +7,20 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rorg_client import Client
+from rorg_client import Error as ClientError
+
+from rorg.cli.context import Context
 from rorg.cli.options import EngineName, Output, StateDirectory
+from rorg.cli.output import print_rows
+from rorg.cli.places import NAME, handshake, may_connect
+from rorg.errors import Exit, Refused, Unreachable
+from rorg.model.engines import capabilities_of
 
 PATIENCE = 3.0
 """Longest time, in seconds, to wait for the running rorg."""
 
 if TYPE_CHECKING:
-    from rorg.cli.context import Context
     from rorg.model.installation import Installation
 
 
@@ -24,10 +31,7 @@ def command(output: Output = "table", engine: EngineName = None, state_dir: Stat
 
     Example: rorg doctor
     """
-    from rorg.cli.context import Context
-    from rorg.cli.output import print_rows
     from rorg.core.doctor import ERROR, examine
-    from rorg.errors import Exit
 
     context = Context(state_dir, engine)
     found = examine(_facts(context))
@@ -68,8 +72,6 @@ def _facts(context: Context) -> Installation:
 
 def _engine(context: Context) -> tuple[dict[str, Any], list[Path]]:
     """Known facts about the engine, and where it keeps its images."""
-    from rorg.model.engines import capabilities_of
-
     if not capabilities_of(context.engine_name).server:
         return {"engine": context.engine_name}, []
     from rorg.engines.facts import engine_facts
@@ -88,12 +90,6 @@ def _engine(context: Context) -> tuple[dict[str, Any], list[Path]]:
 
 def _server(context: Context) -> dict[str, Any]:
     """Whether an rorg runs on the state directory or at the given socket, and answers this user."""
-    from rorg_client import Client
-    from rorg_client import Error as ClientError
-
-    from rorg.cli.places import NAME, handshake, may_connect
-    from rorg.errors import Refused, Unreachable
-
     near = context.remote and not context.place.elsewhere
     owner, path = context.state.owner(), Path(context.remote) if near else context.state.run / NAME
     found: dict[str, Any] = {"running": (owner or {}).get("pid", 0), "socket": str(path)}

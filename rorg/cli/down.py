@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import threading
+import time
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Annotated, Any
 
+from rorg_client import Error
+
+from rorg.cli.context import Context
 from rorg.cli.options import EngineName, Option, StateDirectory, Timeout, Yes
 from rorg.cli.output import consent, note, table
+from rorg.cli.terminal import entry
+from rorg.errors import Invalid, NotReady, RorgError, Unreachable
+from rorg.model.engines import capabilities_of
+from rorg.model.units import counted
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from rorg.cli.context import Context
     from rorg.core.decide import Decision
 
 
@@ -27,9 +34,6 @@ def command(
 
     Example: rorg down --yes
     """
-    from rorg.cli.context import Context
-    from rorg.errors import Unreachable
-
     context = Context(state_dir, engine)
     client = context.client()
     if context.silence:
@@ -53,12 +57,9 @@ def command(
 
 def _developed_in(context: Context) -> list[str]:
     """Names of dev containers: they are not services, and stay."""
-    from rorg.model.engines import capabilities_of
-
     if context.remote or not context.state.homes.is_dir() or not capabilities_of(context.engine_name).images:
         return []
     from rorg.cli.dev_containers import Developing
-    from rorg.errors import RorgError
 
     try:
         return [c.name for c in Developing(context).containers.list()]
@@ -93,8 +94,6 @@ def _consent(rows: list[dict[str, str]], requests: int, keep_requests: bool, yes
     """Shows what will be removed, and asks. Raises Refused."""
     if rows:
         note(table(rows, ("name", "state", "remark")))
-    from rorg.model.units import counted
-
     kept = "kept" if keep_requests else "forgotten"
     services = [row for row in rows if "/" not in row["name"]]
     note(
@@ -107,12 +106,6 @@ def _consent(rows: list[dict[str, str]], requests: int, keep_requests: bool, yes
 
 def _until_gone(context: Context, timeout: float) -> None:
     """Waits until the running rorg has ended, or a later one reports that the robot is down. Raises NotReady."""
-    import time
-
-    from rorg_client import Error
-
-    from rorg.errors import NotReady
-
     client, began, left = context.serving("take the robot down"), time.monotonic(), "rorg still runs"
     while time.monotonic() - began < timeout:
         try:
@@ -129,13 +122,8 @@ def _until_gone(context: Context, timeout: float) -> None:
 
 def _alone(context: Context, yes: bool, keep_requests: bool, volumes: bool, timeout: float) -> None:
     """Takes the robot down if no rorg runs: the loop runs here until nothing is left."""
-    import threading
-    import time
-
     from rorg.api.changes import down
-    from rorg.cli.terminal import entry
     from rorg.daemon.wiring import make_loop
-    from rorg.errors import Invalid, NotReady
     from rorg.store.clear import clear
     from rorg.store.last_good import read_kept
 

@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import os
+import shlex
+import sys
+import textwrap
 from collections.abc import Collection
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
+from rorg_client import Client
+
+from rorg.cli.context import Context
 from rorg.cli.options import (
     SERVICES,
     Argument,
@@ -13,11 +20,9 @@ from rorg.cli.options import (
     ManifestsDirectory,
     StateDirectory,
 )
-
-if TYPE_CHECKING:
-    from rorg_client import Client
-
-    from rorg.cli.context import Context
+from rorg.cli.output import echo, missing, note
+from rorg.errors import Invalid, Refused
+from rorg.model.image_names import stem
 
 MARK = "# rorg: "
 """Begins the lines that are for the person who edits, and not part of the manifest."""
@@ -41,10 +46,6 @@ def command(
     import shutil
     import tempfile
 
-    from rorg.cli.context import Context
-    from rorg.cli.output import echo, missing, note
-    from rorg.model.image_names import stem
-
     kind, _, name = manifest.partition("/") if "/" in manifest else ("service", "", manifest)
     tree = manifests(Context(state_dir, engine, Path(directory) if directory else None, local=True))
     chosen = _kind(kind)
@@ -64,7 +65,6 @@ def command(
 
 def _kind(text: str) -> str:
     """A kind as in manifests. Raises Invalid."""
-    from rorg.cli.output import missing
     from rorg.manifest.models import FOLDERS
 
     known = {**{k.lower(): k for k in FOLDERS.values()}, **FOLDERS, **KINDS}
@@ -75,12 +75,6 @@ def _kind(text: str) -> str:
 
 def _editor() -> list[str]:
     """The editor's command line. Raises Invalid if there is no terminal for one."""
-    import os
-    import shlex
-    import sys
-
-    from rorg.errors import Invalid
-
     chosen = os.environ.get("VISUAL") or os.environ.get("EDITOR") or ""
     if not chosen.strip() and not sys.stdin.isatty():
         raise Invalid("open an editor", "there is no terminal", "a terminal, or a program as EDITOR")
@@ -93,8 +87,6 @@ def _editor() -> list[str]:
 def _until_right(editor: list[str], path: Path, before: str, write: Any) -> bool:
     """Edits until the text is accepted; whether anything was changed. Raises Invalid for a mistake that was saved again
     unchanged."""
-    from rorg.errors import Invalid
-
     text, mistake = before, None
     while True:
         shown = _with(mistake, text)
@@ -114,8 +106,6 @@ def _until_right(editor: list[str], path: Path, before: str, write: Any) -> bool
 
 def _with(mistake: Exception | None, text: str) -> str:
     """The text, with its mistake on top."""
-    import textwrap
-
     if mistake is None:
         return text
     lines = [*textwrap.wrap(str(mistake), 100), "Fix it; or save it unchanged, or empty, to change nothing."]
@@ -125,8 +115,6 @@ def _with(mistake: Exception | None, text: str) -> str:
 def _open(editor: list[str], path: Path, text: str) -> None:
     """Raises Invalid for an editor that fails."""
     import subprocess
-
-    from rorg.errors import Invalid
 
     path.write_text(text, encoding="utf-8")
     try:
@@ -159,8 +147,6 @@ class Served:
     def write(self, kind: str, name: str, text: str) -> None:
         import rorg_client
 
-        from rorg.errors import Invalid
-
         try:
             self.client.put_manifest(kind, name, text, self._base, _message(kind, name))
         except rorg_client.Invalid as error:
@@ -172,7 +158,6 @@ class Alone:
 
     def __init__(self, context: Context) -> None:
         from rorg.api.manifest_texts import manifests_of
-        from rorg.errors import Invalid, Refused
 
         self.state, self.root = context.state, context.root.resolve()
         if self.root.is_relative_to(self.state.git.resolve()):
@@ -188,12 +173,9 @@ class Alone:
         return self.all[kind, name][1].decode("utf-8", errors="replace")
 
     def write(self, kind: str, name: str, text: str) -> None:
-        import os
-
         from rorg.api.manifest_change import ManifestChange, digest
         from rorg.api.manifest_texts import check_name, check_tree
         from rorg.api.permissions import Caller
-        from rorg.errors import Refused
 
         path, before = self.all[kind, name]
         what = f"change the {kind} '{name}'"

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import signal
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from rorg.cli.context import Context
 from rorg.cli.options import FILES, Argument, Directory, EngineName, Option, Output
+from rorg.cli.output import as_json, note, print_rows, table
+from rorg.errors import Invalid
+from rorg.model.units import format_memory
 
 if TYPE_CHECKING:
     from rorg.model.catalog import Catalog
@@ -59,10 +65,6 @@ def command(
 
     Example: rorg emulate docs/evaluation/hour.yaml manifests --compress 6 --pairs 3
     """
-    import signal
-    import sys
-
-    from rorg.cli.output import note
 
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
@@ -85,9 +87,7 @@ def _experiment(
     path: Path, directory: Path | None, compress: float, scale: float | None, engine: str | None
 ) -> Experiment:
     """The experiment to run. Raises Invalid for mistakes."""
-    from rorg.cli.context import Context
     from rorg.cli.demo.robot import TRITONBOT
-    from rorg.errors import Invalid
     from rorg.manifest.load import load_or_raise
     from rorg.manifest.traces import read_trace
     from rorg.sim.emulate import PROGRAM, Experiment
@@ -125,7 +125,6 @@ def _measured(experiment: Experiment, compress: float, pairs: int, save: Path | 
     """Measures all runs, and saves what is known after each of them."""
     from contextlib import closing
 
-    from rorg.cli.output import as_json, note
     from rorg.host.load import machine
     from rorg.sim.emulate import emulate
     from rorg.sim.emulation import Emulation
@@ -181,8 +180,6 @@ def _draw(emulation: Emulation, experiment: Experiment, path: Path) -> None:
 
 
 def _save(path: Path, text: str, mode: str = "w") -> None:
-    from rorg.errors import Invalid
-
     try:
         with path.open(mode, encoding="utf-8") as file:
             file.write(text)
@@ -197,8 +194,6 @@ def _told(emulation: Emulation) -> str:
 
 
 def _rows(emulation: Emulation) -> list[dict[str, str]]:
-    from rorg.model.units import format_memory
-
     rows = []
     for number, one in enumerate(emulation.runs):
         run, share = one.run, emulation.share
@@ -220,7 +215,6 @@ def _rows(emulation: Emulation) -> list[dict[str, str]]:
 
 
 def _print(emulation: Emulation, output: str) -> None:
-    from rorg.cli.output import print_rows, table
     from rorg.sim.emulation import as_json
 
     rows, lines = _rows(emulation), list[str]()

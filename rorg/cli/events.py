@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
+from rorg.cli.context import Context
 from rorg.cli.options import SERVICES, Option, Output, StateDirectory, moment, words
-from rorg.cli.output import echo
-
-if TYPE_CHECKING:
-    from rorg.cli.context import Context
+from rorg.cli.output import as_json, echo, end_with_reader
+from rorg.cli.terminal import entry, printable
+from rorg.errors import Invalid
 
 LAST = 20
 """Entries that are shown by default."""
@@ -39,10 +39,6 @@ def command(
 
     Example: rorg events --service navigation --kind crashed,stalled --since 1h
     """
-    from rorg.cli.context import Context
-    from rorg.cli.output import end_with_reader
-    from rorg.errors import Invalid
-
     if follow and until:
         raise Invalid("follow events", "--until and -f contradict each other", "one of them")
     only = {"kind": words(kind), "service": words(service), "since": since or "", "until": until or "", "text": grep}
@@ -75,9 +71,6 @@ def _folded(found: Iterator[Any], output: str) -> Iterator[str]:
 
 def _text(event: Any, output: str) -> str:
     """An event in one of the forms; its name is its number."""
-    from rorg.cli.output import as_json
-    from rorg.cli.terminal import entry, printable
-
     if output == "json":
         return as_json(event)
     if output == "yaml":

@@ -6,10 +6,12 @@ import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated
 
+from rorg.cli.context import Context
 from rorg.cli.options import SERVICES, Argument, EngineName, Option, StateDirectory
+from rorg.cli.output import missing, note
+from rorg.errors import Invalid, NotReady
 
 if TYPE_CHECKING:
-    from rorg.cli.context import Context
     from rorg.core.observed import Container
 
 Service = Annotated[str, Argument("A running service.", completes=SERVICES)]
@@ -35,10 +37,6 @@ def command(
 
     Example: rorg exec navigation -- rosnode list
     """
-    from rorg.cli.context import Context
-    from rorg.cli.output import note
-    from rorg.errors import Invalid
-
     if not command[0]:
         raise Invalid(f"run a command in {service}", "it has no name", f"`rorg exec {service} -- COMMAND`")
     code = run_inside(Context(state_dir, engine), service, command, interactive, terminal)
@@ -50,9 +48,6 @@ def command(
 def container_of(context: Context, service: str, what: str) -> Container:
     """The container of a service that runs, or ran last. Raises Invalid for an unknown name and for a group, and
     NotReady if the service has no container."""
-    from rorg.cli.output import missing
-    from rorg.errors import Invalid, NotReady
-
     found = [c for c in context.engine().list() if c.service and c.service == service]
     if found:
         return max(found, key=lambda c: (c.alive, c.started_at))
@@ -69,8 +64,6 @@ def container_of(context: Context, service: str, what: str) -> Container:
 def run_inside(context: Context, service: str, command: Sequence[str], stdin: bool, terminal: bool) -> int:
     """The exit code of a command in a service's container. `stdin`, `terminal`: pass ours in any case; otherwise both
     are passed if this is a terminal. Raises NotReady if the service does not run."""
-    from rorg.errors import Invalid, NotReady
-
     what = f"run {command[0]} in {service}"
     ours = sys.stdin.isatty() and sys.stdout.isatty()
     if terminal and not ours:

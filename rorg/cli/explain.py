@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import textwrap
 from typing import TYPE_CHECKING, Annotated, Any
 
+from rorg.cli.context import Context
 from rorg.cli.options import SERVICES, Argument, Directory, Output, StateDirectory
-from rorg.cli.output import echo
+from rorg.cli.output import dump, echo, missing, table
+from rorg.errors import Invalid
 
 if TYPE_CHECKING:
-    from rorg.errors import Invalid
     from rorg.manifest.field_paths import Place
     from rorg.manifest.field_texts import FieldText
 
@@ -36,8 +38,6 @@ def command(
 
     Example: rorg explain service.spec.idle.linger
     """
-    from rorg.cli.context import Context
-    from rorg.cli.output import dump, table
     from rorg.manifest.field_paths import find
 
     kind, slash, name = what.rpartition("/")
@@ -58,8 +58,6 @@ def command(
 
 def _service(context: Any, what: str, kind: str, name: str) -> list[Any]:
     """All effective values of a service. Raises Invalid for an unknown name, with the nearest one."""
-    from rorg.cli.output import missing
-    from rorg.errors import Invalid
     from rorg.manifest.documents import manifest_files
     from rorg.manifest.effective import effective
 
@@ -82,7 +80,6 @@ def _unknown(what: str, services: Any) -> Invalid:
     """The error for a name that is neither; `services` is None without manifests."""
     import difflib
 
-    from rorg.errors import Invalid
     from rorg.manifest.field_paths import nearest_path
 
     near = [nearest_path(what), *difflib.get_close_matches(what, services or (), 1)]
@@ -95,8 +92,6 @@ def _unknown(what: str, services: Any) -> Invalid:
 
 def _page(place: Place) -> str:
     """The page about a field or a kind, for people."""
-    import textwrap
-
     found, width = _as_json(place), 100
     rows = [("FIELD" if place.field else "KIND", place.path)]
     if place.field:

@@ -5,7 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from rorg.cli.context import Context
 from rorg.cli.options import FILES, Argument, Directory, Option, StateDirectory
+from rorg.cli.output import dump, echo, note
+from rorg.errors import Invalid, Refused
+from rorg.model.units import counted
 
 if TYPE_CHECKING:
     from rorg.compose.writer_text import Exported
@@ -38,7 +42,6 @@ def command(
 
     Example: rorg export compose --output compose.yaml
     """
-    from rorg.cli.context import Context
     from rorg.compose.writer import export
 
     context = Context(state_dir, None, directory, local=True)
@@ -55,7 +58,6 @@ def command(
 def _write(exported: Exported, output: Path, force: bool) -> None:
     """Writes the file and the files that it names; those with secrets only for their owner."""
     from rorg.compose.writer_text import write
-    from rorg.errors import Invalid, Refused
 
     texts = {output: write(exported), **{output.parent / name: text for name, text in exported.files.items()}}
     there = [str(path) for path in texts if path.exists()]
@@ -72,9 +74,7 @@ def _write(exported: Exported, output: Path, force: bool) -> None:
 
 
 def _tell(exported: Exported, output: Path | None, form: str) -> None:
-    from rorg.cli.output import dump, echo, note
     from rorg.compose.writer_text import escaped, write
-    from rorg.model.units import counted
 
     if form == "json":
         found: dict[str, Any] = {

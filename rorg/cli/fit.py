@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from rorg.cli.context import Context
+from rorg.cli.edit import manifests
 from rorg.cli.options import FORMS, SERVICES, Argument, EngineName, ManifestsDirectory, Option, StateDirectory, moment
-from rorg.cli.output import echo, note, print_rows
+from rorg.cli.output import echo, missing, note, print_rows
+from rorg.cli.records import records_of
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Sequence
-
     from rorg.manifest.fitting import Fit
 
 DAYS = "7d"
@@ -49,10 +51,6 @@ def command(
 
     Example: rorg fit navigation --since 24h
     """
-    from rorg.cli.context import Context
-    from rorg.cli.edit import manifests
-    from rorg.cli.output import missing
-    from rorg.cli.records import records_of
     from rorg.manifest.fitting import fit
 
     context = Context(state_dir, engine, Path(directory) if directory else None, local=True)

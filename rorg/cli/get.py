@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import datetime
-from typing import TYPE_CHECKING, Annotated, Any
+from pathlib import Path
+from typing import Annotated, Any
 
+from rorg.cli.context import Context
 from rorg.cli.options import (
     GROUPS,
     SERVICES,
@@ -17,13 +19,10 @@ from rorg.cli.options import (
     Output,
     StateDirectory,
 )
-from rorg.cli.output import missing
+from rorg.cli.output import end_with_reader, missing, print_rows
 from rorg.cli.selection import select
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    from rorg.cli.context import Context
+from rorg.cli.watch import Watch
+from rorg.errors import Invalid
 
 KINDS = {
     "services": "services",
@@ -76,15 +75,8 @@ def command(
 
     Example: rorg get --group driving --sort-by restarts
     """
-    from pathlib import Path
-
-    from rorg.cli.context import Context
-    from rorg.cli.output import end_with_reader, print_rows
-
     show: Callable[..., None] = print_rows
     if watch:
-        from rorg.cli.watch import Watch
-
         end_with_reader()
         show = Watch().show
     words = list(what or ())
@@ -113,8 +105,6 @@ def _with_message(rows: Sequence[Mapping[str, Any]], columns: tuple[str, ...]) -
 
 
 def _only_services(kind: str) -> None:
-    from rorg.errors import Invalid
-
     raise Invalid(f"list {kind} that way", "-l, --group and --sort-by are about services", "`rorg get`")
 
 

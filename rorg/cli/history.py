@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
+from rorg.cli.context import Context
 from rorg.cli.options import FILES, Argument, Option, Output, StateDirectory
-from rorg.cli.output import dump, echo, print_rows
-
-if TYPE_CHECKING:
-    from rorg.cli.records import Kept, Served
+from rorg.cli.output import dump, echo, print_rows, table
+from rorg.cli.records import Kept, Served, records_of
+from rorg.cli.terminal import entry, printable
+from rorg.errors import Invalid, Refused
 
 ACTIONS = ("list", "show", "diff", "export")
 TAKEN = {"list": (0, 0), "show": (1, 1), "diff": (1, 2), "export": (0, 0)}
@@ -40,10 +42,6 @@ def command(
 
     Example: rorg history diff 3 7
     """
-    from rorg.cli.context import Context
-    from rorg.cli.records import records_of
-    from rorg.errors import Invalid
-
     least, most = TAKEN[action]
     if not least <= len(revisions) <= most:
         why = f"'{revisions[most]}' is one word too many" if len(revisions) > most else "no revision is named"
@@ -81,9 +79,6 @@ def _commit(revision: dict[str, Any]) -> str:
 
 def _show(found: dict[str, Any], output: str) -> None:
     """Shows a revision in full."""
-    from rorg.cli.output import table
-    from rorg.cli.terminal import entry
-
     if output in ("json", "yaml"):
         dump(found, output)
         return
@@ -126,18 +121,13 @@ def _compare(records: Served | Kept, a: str, b: str, output: str) -> None:
 
 
 def _change(change: dict[str, Any]) -> str:
-    from rorg.cli.terminal import printable
-
     sign = {"added": "+", "removed": "-"}.get(change["change"], "~")
     return printable(f"{sign} {change['service']}  {'; '.join(f['text'] for f in change['fields'])}".rstrip())
 
 
 def _export(records: Served | Kept, format: str, file: Path | None) -> None:
     """Raises Invalid if the file cannot be written, and Refused for a format that a terminal cannot show."""
-    import sys
-
     from rorg.api.records import ENCODERS
-    from rorg.errors import Invalid, Refused
 
     encode = ENCODERS[format]
     if file is None and format == "protobuf" and sys.stdout.isatty():

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from rorg.cli.context import Context
+from rorg.cli.operations import confirmed, operating
 from rorg.cli.options import End, EngineName, For, Output, Reason, ServiceNames, StateDirectory, Yes
 from rorg.cli.output import print_rows
+from rorg.errors import Invalid
+from rorg.model.units import format_duration, format_seconds
 
 
 def command(
@@ -21,11 +25,6 @@ def command(
 
     Example: rorg hold arm --for 10m --reason calibration
     """
-    from rorg.cli.context import Context
-    from rorg.cli.operations import confirmed, operating
-    from rorg.errors import Invalid
-    from rorg.model.units import format_duration, format_seconds
-
     if not end and not duration:
         raise Invalid(f"hold {', '.join(services)}", "a hold needs a duration", "--for 10m")
     if end and duration:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from rorg.cli.context import Context
 from rorg.cli.options import (
     Argument,
     EngineName,
@@ -15,9 +16,12 @@ from rorg.cli.options import (
     Yes,
 )
 from rorg.cli.output import consent, missing, note, print_rows
+from rorg.errors import EngineError, Invalid, NotReady, Refused
+from rorg.model.engines import capabilities_of
+from rorg.model.image_names import declared
+from rorg.model.units import counted, format_memory, stamp
 
 if TYPE_CHECKING:
-    from rorg.cli.context import Context
     from rorg.engines.docker.engine import DockerEngine
     from rorg.images.disk_usage import Kept
     from rorg.images.records import Records
@@ -43,9 +47,6 @@ def command(
 
     Example: rorg image prune --keep 3
     """
-    from rorg.cli.context import Context
-    from rorg.errors import Invalid
-
     if action in ("save", "load") and not names:
         raise Invalid(f"{action} images", "no file is named", f"`rorg image {action} FILE`")
     if action in ("list", "prune", "load") and len(names) > (action == "load"):
@@ -88,9 +89,6 @@ class _Robot:
 
 
 def _with_images(context: Context) -> Any:
-    from rorg.errors import Refused
-    from rorg.model.engines import capabilities_of
-
     context.here("look after images")
     if not capabilities_of(context.engine_name).images:
         raise Refused(
@@ -102,8 +100,6 @@ def _with_images(context: Context) -> Any:
 
 
 def _print(images: list[Kept], output: str) -> None:
-    from rorg.model.units import format_memory, stamp
-
     rows = [
         {
             "name": image.name,
@@ -123,8 +119,6 @@ def _print(images: list[Kept], output: str) -> None:
 def _prune(robot: _Robot, keep: int | None, dry_run: bool, yes: bool, output: str) -> None:
     from rorg.engines.docker.errors import docker_errors
     from rorg.engines.docker.images import remove_image
-    from rorg.errors import EngineError, NotReady
-    from rorg.model.units import counted, format_memory
 
     going = [image for image in robot.kept(keep) if not image.reasons]
     _print(going, output)
@@ -151,10 +145,7 @@ def _prune(robot: _Robot, keep: int | None, dry_run: bool, yes: bool, output: st
 
 def _save(robot: _Robot, path: Path, names: list[str]) -> None:
     from rorg.engines.docker.errors import docker_errors
-    from rorg.errors import Invalid
     from rorg.images.archive import write_archive
-    from rorg.model.image_names import declared
-    from rorg.model.units import counted
 
     for name in names:
         if not declared(name, robot.catalog.images):
@@ -182,10 +173,8 @@ def _save(robot: _Robot, path: Path, names: list[str]) -> None:
 
 
 def _load(robot: _Robot, path: Path) -> None:
-    from rorg.errors import EngineError, Invalid
     from rorg.images.archive import read_records
     from rorg.images.docker import library_errors
-    from rorg.model.units import counted
     from rorg.regular_file import open_regular
 
     loaded, what = 0, f"load {path}"

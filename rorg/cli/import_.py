@@ -6,7 +6,11 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
+from rorg.cli.differences import line
 from rorg.cli.options import DIRECTORIES, FILES, FORMS, Argument, Option
+from rorg.cli.output import dump, note, print_rows
+from rorg.errors import Invalid, Refused
+from rorg.model.units import counted
 
 if TYPE_CHECKING:
     from rorg.importing.manifests import Imported
@@ -45,8 +49,6 @@ def command(
 
     Example: rorg import compose compose.yaml
     """
-    from rorg.errors import Invalid
-
     named = [Path(path) for path in also]
     if what == "compose":
         imported = _compose([Path(f) for f in files], env_file, profile, project_name, output, named)
@@ -66,7 +68,6 @@ def _compose(
     paths: list[Path], env_files: list[str], profiles: list[str], name: str, output: Path, named: list[Path]
 ) -> Imported:
     from rorg.compose.load import load
-    from rorg.errors import Invalid
     from rorg.importing.compose import from_compose
     from rorg.importing.manifests import Imported
     from rorg.manifest.files import Reader
@@ -118,7 +119,6 @@ def _project_folder(path: Path) -> Path:
 
 
 def _systemd(paths: list[Path], image: str, output: Path) -> Imported:
-    from rorg.errors import Invalid
     from rorg.importing.systemd import from_systemd
     from rorg.manifest.files import Reader
 
@@ -132,7 +132,6 @@ def _systemd(paths: list[Path], image: str, output: Path) -> Imported:
 
 
 def _roslaunch(path: Path, words: list[str], image: str, output: Path, named: list[Path]) -> Imported:
-    from rorg.errors import Invalid
     from rorg.importing.roslaunch import from_roslaunch
     from rorg.manifest.files import Reader
 
@@ -145,10 +144,6 @@ def _roslaunch(path: Path, words: list[str], image: str, output: Path, named: li
 
 
 def _refuse(imported: Imported, what: str, form: str) -> NoReturn:
-    from rorg.cli.output import dump
-    from rorg.errors import Invalid
-    from rorg.model.units import counted
-
     _notes(imported, form)
     if form in ("json", "yaml"):
         dump(_whole(imported, None), form)
@@ -160,16 +155,12 @@ def _refuse(imported: Imported, what: str, form: str) -> NoReturn:
 
 
 def _notes(imported: Imported, form: str) -> None:
-    from rorg.cli.differences import line
-    from rorg.cli.output import note
-
     for diagnostic in imported.diagnostics if form not in ("json", "yaml") else ():
         note(line(diagnostic.as_json()))
 
 
 def _write(imported: Imported, output: Path, force: bool) -> None:
     """Writes all files, or none if one of them exists."""
-    from rorg.errors import Invalid, Refused
     from rorg.importing.manifests import existing_files, write_tree
 
     there = [str(path) for path in existing_files(imported, output)]
@@ -185,9 +176,6 @@ def _write(imported: Imported, output: Path, force: bool) -> None:
 
 def _tell(imported: Imported, output: Path, form: str) -> None:
     from collections import Counter
-
-    from rorg.cli.output import note, print_rows
-    from rorg.model.units import counted
 
     _notes(imported, form)
     rows = [{"file": str(output / m.path), "kind": m.kind, "name": m.name} for m in imported.manifests]

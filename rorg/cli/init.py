@@ -6,6 +6,8 @@ from pathlib import Path
 from typing import Annotated
 
 from rorg.cli.options import Argument
+from rorg.cli.output import note
+from rorg.errors import Invalid, Refused
 
 TEMPLATE = Path(__file__).parent / "first_robot"
 NEXT = """{name} is a robot of three services{git}. Next:
@@ -23,8 +25,6 @@ def command(
 
     Example: rorg init robot
     """
-    from rorg.cli.output import note
-    from rorg.errors import Invalid, Refused
     from rorg.manifest.schema import write
 
     files = {_place(path): path for path in sorted(TEMPLATE.rglob("*")) if path.is_file() and path.suffix != ".pyc"}

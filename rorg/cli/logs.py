@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import os
 import sys
+import time
 from collections.abc import Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
+from rorg_client import Client, Error, Unreachable, calls
+from rorg_client.errors import unreachable
+
+from rorg.cli.context import Context
 from rorg.cli.options import EngineName, Option, ServiceNames, StateDirectory
-
-if TYPE_CHECKING:
-    from rorg_client import Client
-
-    from rorg.cli.context import Context
+from rorg.cli.output import as_json, echo, missing, note
+from rorg.cli.terminal import LogText
 
 AGAIN = 0.3
 """Seconds until the next attempt, when following and rorg does not answer."""
@@ -33,8 +35,6 @@ def command(
 
     Example: rorg logs navigation localization -f --since 10m
     """
-    from rorg.cli.context import Context
-
     context = Context(state_dir, engine)
     names, asked = list(dict.fromkeys(services)), {"follow": follow, "tail": tail, "since": since or None}
     client = context.client()
@@ -54,8 +54,6 @@ def command(
 
 def _show(entry: dict[str, Any], shown: Lines | None) -> None:
     """Shows one LogView."""
-    from rorg.cli.output import as_json, echo, note
-
     if "error" in entry:
         note(f"{entry['service']}: {entry['error']}" if entry["service"] else entry["error"])
     elif shown and "text" in entry:
@@ -71,11 +69,7 @@ def _members(client: Client, name: str) -> Sequence[str]:
 
 def _served(client: Client, names: Sequence[str], asked: dict[str, Any]) -> Iterator[dict[str, Any]]:
     """Lines from the running rorg; when following, also from the next one, without gaps."""
-    import time
-
-    from rorg_client import Error, Unreachable, calls
     from rorg_client.connection import Connection
-    from rorg_client.errors import unreachable
 
     known: dict[str, str] = {}
     while True:
@@ -104,7 +98,6 @@ def _served(client: Client, names: Sequence[str], asked: dict[str, Any]) -> Iter
 def _here(context: Context, names: Sequence[str], asked: dict[str, Any]) -> tuple[set[str], Iterator[dict[str, Any]]]:
     """(services, lines) read by this process, if no rorg runs."""
     from rorg.api.logs import asked_for, has_log
-    from rorg.cli.output import missing
     from rorg.core.observed import Container, Observed
 
     catalog, engine = context.catalog(), context.engine()
@@ -148,8 +141,6 @@ class Lines:
     the bytes unchanged; a terminal gets only lines and colours."""
 
     def __init__(self, services: Sequence[str], timestamps: bool) -> None:
-        from rorg.cli.terminal import LogText
-
         self.timestamps, self.terminal = timestamps, sys.stdout.isatty()
         several = len(services) > 1
         width = max(map(len, services), default=0)

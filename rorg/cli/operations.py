@@ -8,17 +8,17 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from rorg_client import Refused
+from rorg_client import Client, Refused
 from rorg_client.calls import Call, put_request, release, restart
 
+from rorg.cli.context import Context
 from rorg.cli.output import consent
+from rorg.cli.progress import Progress
 from rorg.errors import Unconfirmed
 
 if TYPE_CHECKING:
-    from rorg_client import Client
     from rorg_client.types import Why
 
-    from rorg.cli.context import Context
     from rorg.cli.offline import Local
 
 T = TypeVar("T")
@@ -105,8 +105,6 @@ def watched(client: Client, names: list[str]) -> AbstractContextManager[object]:
     """Shows what is not ready yet on the terminal while the block runs."""
     if not sys.stderr.isatty() or os.environ.get("TERM", "dumb") in ("dumb", "unknown"):
         return nullcontext()
-    from rorg.cli.progress import Progress
-
     return Progress(client, names)
 
 

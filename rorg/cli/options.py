@@ -3,11 +3,13 @@ completions.py completes words."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 from rorg.model.engines import ENGINES
+from rorg.model.units import parse_duration, parse_since, stamp
 
 FORMS = ("table", "wide", "name", "yaml", "json")
 """Of output."""
@@ -66,17 +68,11 @@ class Option(NamedTuple):
 
 def duration(text: str) -> float:
     """Seconds of "10s", "1m30s" or "10". Raises ValueError."""
-    from rorg.model.units import parse_duration
-
     return parse_duration(f"{text}s" if text.replace(".", "", 1).isdecimal() and text.isascii() else text)
 
 
 def moment(text: str) -> str:
     """ISO 8601 in UTC of a time, or of so long ago: 10m, 2026-01-31T12:00:00Z. Raises ValueError."""
-    import time
-
-    from rorg.model.units import parse_since, stamp
-
     return stamp(parse_since(text, time.time()))
 
 

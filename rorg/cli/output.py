@@ -6,12 +6,15 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import select
 import sys
+import threading
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NoReturn
 
 from rorg.cli.terminal import entry, lines, printable, shown
 from rorg.errors import Invalid, Refused
+from rorg.model.units import counted
 
 
 def echo(text: Any, end: str = "\n") -> None:
@@ -32,8 +35,6 @@ def nobody_reads() -> NoReturn:
 
 def end_with_reader() -> None:
     """From now on the process exits as soon as its output is closed, even if it prints nothing."""
-    import select
-    import threading
 
     def look() -> None:
         poll = select.poll()
@@ -249,8 +250,6 @@ def _of(view: dict[str, Any], silent: bool) -> Iterator[str]:
     if not (engine.get("complete", True) or silent) and view.get("pid"):
         yield f"{engine.get('error') or 'the engine has not said yet what runs'}; states may be old"
     if errors := tree.get("errors"):
-        from rorg.model.units import counted
-
         kept = "the last good ones are in force" if tree.get("fingerprint") else "none are in force yet"
         yield f"manifests refused: {counted(len(errors), 'error')}, {kept}; try `rorg validate`"
     if error := (tree.get("git") or {}).get("error"):

@@ -12,13 +12,12 @@ import os
 import socket
 import struct
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
+
+from rorg_client import Client
 
 from rorg.errors import Refused, Unreachable
 from rorg.store.state_dir import MACHINE, StateDir, default_state_dir
-
-if TYPE_CHECKING:
-    from rorg_client import Client
 
 NAME = "rorg.sock"
 

@@ -7,15 +7,12 @@ import os
 import sys
 import threading
 import time
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from rorg_client import Error
+from rorg_client import Client, Error
 
 from rorg.cli.published import unready
 from rorg.cli.terminal import printable
-
-if TYPE_CHECKING:
-    from rorg_client import Client
 
 QUIET = 0.4
 """Seconds before anything is shown: most waits are shorter."""

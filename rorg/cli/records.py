@@ -7,10 +7,12 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote, urlencode
 
-if TYPE_CHECKING:
-    from rorg_client import Client
+from rorg_client import Client
+from rorg_client.errors import unreachable
 
-    from rorg.cli.context import Context
+from rorg.cli.context import Context
+
+if TYPE_CHECKING:
     from rorg.history.database import Database
 
 
@@ -55,7 +57,6 @@ class Served:
 
     def everything(self) -> Iterator[dict[str, Any]]:
         from rorg_client.connection import Connection
-        from rorg_client.errors import unreachable
 
         connection = None
         try:

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from typing import Annotated
 
+from rorg.cli.context import Context
+from rorg.cli.operations import confirmed, operating
 from rorg.cli.options import REQUESTS, SERVICES, Argument, Option, Output, StateDirectory, Yes
-from rorg.cli.output import print_rows
+from rorg.cli.output import note, print_rows
+from rorg.errors import Invalid
 
 
 def command(
@@ -23,11 +26,6 @@ def command(
     Example: rorg release tour
     """
     from functools import partial
-
-    from rorg.cli.context import Context
-    from rorg.cli.operations import confirmed, operating
-    from rorg.cli.output import note
-    from rorg.errors import Invalid
 
     robot = operating(Context(state_dir, None))
     found = sorted({r["requester"] for r in robot.requests(id) if requester in ("", r["requester"])})

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Any
 
+from rorg_client import check_id
+
+from rorg.cli.context import Context
+from rorg.cli.operations import Served, operating
 from rorg.cli.options import EngineName, Option, Output, ServiceNames, StateDirectory, Timeout, Wait, duration
 from rorg.cli.output import note, print_rows
+from rorg.errors import Invalid
+from rorg.model.units import format_duration
 
 if TYPE_CHECKING:
     from rorg.cli.offline import Local
-    from rorg.cli.operations import Served
 
 
 def command(
@@ -38,13 +43,6 @@ def command(
 
     Example: rorg request navigation --id tour --ttl 10m --wait
     """
-    from rorg_client import check_id
-
-    from rorg.cli.context import Context
-    from rorg.cli.operations import operating
-    from rorg.errors import Invalid
-    from rorg.model.units import format_duration
-
     check_id(id or "request")
     if ttl is not None and ttl <= 0:
         raise Invalid("request", "a lease of 0 s ends immediately", "--ttl 10s, or no --ttl for a request without end")
@@ -95,8 +93,6 @@ class Asked:
 
     def _roll_back(self) -> None:
         if self.before:
-            from rorg.model.units import format_duration
-
             lease = format_duration(self.before["ttl"]) if self.before["ttl"] else None
             body = {**{k: self.before[k] for k in ("services", "reason", "priority")}, "ttl": lease}
             self.robot.put_request(self.id, self.requester, body)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from rorg.cli.context import Context
+from rorg.cli.operations import confirmed, operating
 from rorg.cli.options import EngineName, Output, ServiceName, StateDirectory, Timeout, Wait, Yes
 from rorg.cli.output import print_rows
 
@@ -19,9 +21,6 @@ def command(
 
     Example: rorg restart navigation --wait --timeout 30s
     """
-    from rorg.cli.context import Context
-    from rorg.cli.operations import confirmed, operating
-
     robot = operating(Context(state_dir, engine))
     if wait:
         robot.check_wait(f"wait for {service}")

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
+from rorg.cli.apply import agree
+from rorg.cli.context import Context
+from rorg.cli.differences import Differences
 from rorg.cli.options import EngineName, ManifestsDirectory, Option, StateDirectory, Timeout, Wait, Yes
-
-if TYPE_CHECKING:
-    from rorg.cli.differences import Differences
+from rorg.cli.output import note
+from rorg.errors import Invalid
 
 
 def command(
@@ -30,14 +33,8 @@ def command(
 
     Example: rorg restore --at 2h --wait
     """
-    import time
-
-    from rorg.cli.apply import agree
-    from rorg.cli.context import Context
-    from rorg.cli.output import note
     from rorg.cli.past_requests import EarlierRequests
     from rorg.cli.revert import Known, all_committed, go_back, moment_of, restoring, tree_of
-    from rorg.errors import Invalid
 
     if not at:
         raise Invalid("restore", "no time is named", "`rorg restore --at 10m`")

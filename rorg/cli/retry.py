@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from rorg.cli.context import Context
+from rorg.cli.operations import confirmed, operating
 from rorg.cli.options import EngineName, Output, ServiceNames, StateDirectory, Yes
 from rorg.cli.output import print_rows
 
@@ -18,9 +20,6 @@ def command(
 
     Example: rorg retry navigation
     """
-    from rorg.cli.context import Context
-    from rorg.cli.operations import confirmed, operating
-
     robot = operating(Context(state_dir, engine))
     names = confirmed(lambda force: robot.retry(services, force), yes, "Retry")
     rows = [{"service": name} for name in names]

@@ -12,8 +12,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from rorg.cli.apply import bring_about, taken
 from rorg.cli.context import Context
-from rorg.cli.differences import Differences
+from rorg.cli.differences import Differences, differences
 from rorg.cli.output import note
 from rorg.cli.records import records_of
 from rorg.errors import Missing, Refused, RorgError
@@ -21,6 +22,7 @@ from rorg.history.revisions import Revision, parse
 from rorg.host.git import commit_of
 from rorg.host.git_edit import SHORT, Restoring, changed, subject_of, top_of, unknown
 from rorg.model.catalog import Catalog
+from rorg.model.units import parse_since, stamp
 
 SHORTEST = 7
 """Least digits of a commit in a name."""
@@ -130,8 +132,6 @@ def goal(revision: Revision, revisions: Known, root: Path) -> Goal:
 def moment_of(text: str, revisions: Known, root: Path, now: float) -> tuple[str, Goal]:
     """(ISO 8601 in UTC, the state then) of a time, or of a REV: when that was proven good, or when it began. `now` in
     seconds since the epoch. Raises Missing and Refused."""
-    from rorg.model.units import parse_since, stamp
-
     if not NO_TIME.fullmatch(text):
         with contextlib.suppress(ValueError):
             moment = stamp(parse_since(text, now))
@@ -213,8 +213,6 @@ def go_back(
 ) -> bool:
     """Shows the plan and asks (`agreed`), commits, calls `then`, and carries it out. `waiting`: whether to wait until
     everything is ready, and for how many seconds. False if there was nothing to commit. Raises Refused and NotReady."""
-    from rorg.cli.apply import bring_about, taken
-    from rorg.cli.differences import differences
     from rorg.host.person import caller
 
     if is_copy(context, root):

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
+from rorg.cli.apply import agree
+from rorg.cli.context import Context
+from rorg.cli.differences import Differences
 from rorg.cli.options import (
     SERVICES,
     Argument,
@@ -16,9 +19,7 @@ from rorg.cli.options import (
     Wait,
     Yes,
 )
-
-if TYPE_CHECKING:
-    from rorg.cli.differences import Differences
+from rorg.cli.output import echo, note
 
 
 def command(
@@ -38,9 +39,6 @@ def command(
 
     Example: rorg rollback HEAD~1 --yes --wait
     """
-    from rorg.cli.apply import agree
-    from rorg.cli.context import Context
-    from rorg.cli.output import echo, note
     from rorg.cli.revert import Known, all_committed, go_back, goal_of, is_copy, restoring, tree_of
 
     context = Context(state_dir, engine, Path(directory) if directory else None, local=True)

@@ -3,15 +3,25 @@
 from __future__ import annotations
 
 import os
+import signal
+import sys
+import threading
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from rorg_client import Error
+
+from rorg.cli.context import Context
 from rorg.cli.options import DIRECTORIES, FILES, Directory, EngineName, Option, OwnStateDirectory, duration
+from rorg.cli.output import note
+from rorg.cli.terminal import entry
+from rorg.errors import Invalid
+from rorg.model.units import counted
 
 if TYPE_CHECKING:
     from rorg.api.server import Server
     from rorg.api.tls import Tls
-    from rorg.cli.context import Context
     from rorg.daemon.loop import Loop
     from rorg.host.git_cache import Followed
 
@@ -63,8 +73,6 @@ def command(
     Example: rorg run manifests
     """
     from rorg.api.server import make_server
-    from rorg.cli.context import Context
-    from rorg.cli.output import note
     from rorg.host.heap import share_heap
     from rorg.store.clear import clear
 
@@ -89,10 +97,6 @@ def command(
         note("the robot is down; `rorg up` brings it up")
     context.state.release()
     if loop.hung:
-        import sys
-
-        from rorg.model.units import counted
-
         note(f"{counted(loop.hung, 'unfinished call')} to the engine or of probes: the next rorg sees the outcome")
         sys.stderr.flush()
         os._exit(0)  # the interpreter would wait for their threads
@@ -106,10 +110,6 @@ def _restarted() -> bool:
 def _brought_up(context: Context) -> bool:
     """Whether an rorg already runs here whose robot is down: then that rorg brings it up. It keeps its tree, so this is
     not done for a different directory."""
-    from rorg_client import Error
-
-    from rorg.cli.output import note
-
     client = context.client()
     if client is None:
         return False
@@ -126,7 +126,6 @@ def _brought_up(context: Context) -> bool:
 
 def _tell_down(context: Context) -> None:
     """Notes that the robot stays down; if a person runs rorg, it may come up from now on."""
-    from rorg.cli.output import note
     from rorg.store.clear import stays_down
 
     if since := stays_down(context.state, _restarted()):
@@ -136,10 +135,6 @@ def _tell_down(context: Context) -> None:
 def _loop(context: Context, repository: Followed | None, poll: float) -> Loop:
     """The loop over a directory of manifests, or over a repository. Raises Invalid if the directory has no robot of the
     given name; in a repository that is an error of its manifests."""
-    import time
-
-    from rorg.cli.output import note
-    from rorg.cli.terminal import entry
     from rorg.daemon.wiring import make_loop, make_source
 
     robot = context.asked_robot if repository else context.named_robot
@@ -164,7 +159,6 @@ def _loop(context: Context, repository: Followed | None, poll: float) -> Loop:
 def _check(root: Path | None, group: str) -> None:
     """Raises Invalid if the directory, or a given group, does not exist."""
     from rorg.api.permissions import group_id
-    from rorg.errors import Invalid
 
     if root is not None and not root.is_dir():
         raise Invalid(f"run {root}", "no such directory", "the directory that holds services/")
@@ -175,9 +169,6 @@ def _check(root: Path | None, group: str) -> None:
 def _run_until_told(loop: Loop, server: Server) -> None:
     """Runs until SIGINT or SIGTERM. SIGHUP makes rorg fetch its repository and read its manifests again. systemd is
     notified when rorg is ready, when it stops, and regularly that it is alive."""
-    import signal
-    import threading
-
     from rorg.host.systemd import Watchdog, notify
 
     told, tell = os.pipe()
@@ -209,7 +200,6 @@ def _run_until_told(loop: Loop, server: Server) -> None:
 def _tcp(listen: str, files: tuple[Path | None, ...]) -> tuple[str, int, Tls]:
     """Where to listen and how to know clients. Raises Invalid without the files that this takes."""
     from rorg.api.tls import Tls
-    from rorg.errors import Invalid
 
     host, _, port = listen.rpartition(":")
     cert, key, authority, revoked = files
@@ -224,7 +214,6 @@ def _tcp(listen: str, files: tuple[Path | None, ...]) -> tuple[str, int, Tls]:
 
 def followed(directory: Path | None, git: str, path: str, committed: bool, signers: Path | None) -> Followed | None:
     """None where a directory is followed as it is. Raises Invalid."""
-    from rorg.errors import Invalid
     from rorg.host.git_cache import Followed
     from rorg.host.git_remote import remote, without_user
 
@@ -250,7 +239,6 @@ def followed(directory: Path | None, git: str, path: str, committed: bool, signe
 
 def _own(directory: Path, path: str, signers: Path | None) -> Followed:
     """The repository that a directory is in, wherever it is at."""
-    from rorg.errors import Invalid
     from rorg.host.git_cache import Followed
     from rorg.host.git_process import repository
     from rorg.host.git_remote import Remote
@@ -265,8 +253,6 @@ def _own(directory: Path, path: str, signers: Path | None) -> Followed:
 
 def _inner(path: str) -> str:
     """A directory of a repository. Raises Invalid."""
-    from rorg.errors import Invalid
-
     if path.startswith("/") or ".." in Path(path).parts:
         raise Invalid(f"read manifests in {path}", "it is not inside the repository", "--path DIR, from its top")
     return str(Path(path))

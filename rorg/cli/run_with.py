@@ -11,8 +11,13 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Annotated, Any
 
+from rorg_client import Error as ClientError
+
+from rorg.cli.context import Context
+from rorg.cli.operations import watched
 from rorg.cli.options import Option, Rest, ServiceNames, StateDirectory, Timeout
 from rorg.cli.output import note
+from rorg.errors import Invalid
 
 FORWARDED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 TYPED = (signal.SIGINT, signal.SIGQUIT)
@@ -36,12 +41,6 @@ def command(
 
     Example: rorg run-with navigation -- rosbag record /tf
     """
-    from rorg_client import Error as ClientError
-
-    from rorg.cli.context import Context
-    from rorg.cli.operations import watched
-    from rorg.errors import Invalid
-
     client = Context(state_dir, None).serving(f"run with {', '.join(services)}")
     if shutil.which(program[0]) is None:
         raise Invalid(f"run {program[0]}", "no such program", "its path")
@@ -102,8 +101,6 @@ def _run(program: Sequence[str]) -> int:
 
 
 def _begun(program: Sequence[str]) -> subprocess.Popen[bytes]:
-    from rorg.errors import Invalid
-
     try:
         return subprocess.Popen(program)
     except OSError as error:

@@ -6,6 +6,8 @@ from pathlib import Path
 from typing import Annotated
 
 from rorg.cli.options import Argument
+from rorg.cli.output import note
+from rorg.errors import Invalid
 
 
 def command(
@@ -15,8 +17,6 @@ def command(
 
     Example: rorg schema schemas
     """
-    from rorg.cli.output import note
-    from rorg.errors import Invalid
     from rorg.manifest.schema import write
 
     try:

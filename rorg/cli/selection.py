@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from rorg.cli.context import Context
 from rorg.cli.output import missing, note
-
-if TYPE_CHECKING:
-    from rorg.cli.context import Context
 
 
 def select(

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import sys
 
-from rorg.cli.exec import NO_PROGRAM, Service
+from rorg.cli.context import Context
+from rorg.cli.exec import NO_PROGRAM, Service, run_inside
 from rorg.cli.options import EngineName, StateDirectory
+from rorg.cli.output import note
 
 BASH_OR_SH = ("/bin/sh", "-c", "if command -v bash >/dev/null 2>&1; then exec bash; else exec sh; fi")
 
@@ -19,10 +21,6 @@ def command(
 
     Example: rorg shell navigation
     """
-    from rorg.cli.context import Context
-    from rorg.cli.exec import run_inside
-    from rorg.cli.output import note
-
     code = run_inside(Context(state_dir, engine), service, BASH_OR_SH, True, False)
     if code == NO_PROGRAM:
         note(f"rorg: {service}: exit code 127; if it has no shell, try `rorg exec {service} -- COMMAND`")

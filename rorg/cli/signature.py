@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
 
 from rorg.cli.options import DIRECTORY, MANIFESTS, ROBOT, SOCKET, STATE_DIR, Argument, Option
+from rorg.errors import Invalid
 
 
 class Parameter(NamedTuple):
@@ -58,8 +59,6 @@ def call(command: Callable[..., Any], values: dict[str, Any]) -> None:
     socket = values.pop(_SOCKET.name, None)
     if socket:
         if values.get("state_dir"):
-            from rorg.errors import Invalid
-
             raise Invalid("look in two places", "--socket and --state-dir each name one", "one of them")
         os.environ["RORG_SOCKET"] = str(socket)
     command(**values)

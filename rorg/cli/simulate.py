@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from rorg.cli.context import Context
 from rorg.cli.options import FILES, Argument, Directory, Option, Output, duration
 from rorg.cli.output import print_rows
+from rorg.errors import Invalid
+from rorg.model.units import format_memory
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from rorg.model.learned import Learned
     from rorg.model.trace import Trace
     from rorg.model.workload import Workload
@@ -70,8 +71,6 @@ def command(
 
     Example: rorg simulate day.yaml manifests --plot day.png
     """
-    from rorg.cli.context import Context
-    from rorg.cli.output import print_rows
     from rorg.manifest.traces import read_trace
     from rorg.manifest.workloads import read_workload
     from rorg.model.workload import Workload
@@ -115,7 +114,6 @@ def _write(results: Sequence[RunResult], trace: Trace, path: Path) -> None:
     """Writes the time series."""
     import csv
 
-    from rorg.errors import Invalid
     from rorg.sim.report import SERIES, series
 
     try:
@@ -179,8 +177,6 @@ class Trial:
 
     def _check(self, variant: Variant) -> None:
         """Raises Invalid for a tree without something that the trace names."""
-        from rorg.errors import Invalid
-
         known = {*variant.catalog.services, *variant.catalog.groups}
         named = {name for event in self.trace.events for name in (event.requester, *event.services)}
         missing = sorted(named - known)
@@ -193,8 +189,6 @@ def try_out(
     trial: Trial, compare: Sequence[str], sweep: Sequence[str], output: str, csv: Path | None, plot: Path | None
 ) -> None:
     """Does what the options say. Raises Invalid."""
-    from rorg.errors import Invalid
-
     if compare and sweep:
         raise Invalid("try variants", "--compare and --sweep each name their own", "one of them")
     found = trial.compare(compare) if compare else trial.sweep(sweep)
@@ -216,8 +210,6 @@ def draw(trial: Trial, found: Sequence[Tried], file: Path) -> None:
 def show(found: Sequence[Tried], output: str) -> None:
     """Prints a table. Response times (mean, median, 95th percentile) are of the requests that take any time in at least
     one variant; efficient: no other variant is better in CPU, memory and mean response time."""
-    from rorg.model.units import format_memory
-
     full = [one.as_json() for one in found]
     rows = [
         {
@@ -237,8 +229,6 @@ def show(found: Sequence[Tried], output: str) -> None:
 def write_csv(found: Sequence[Tried], file: Path) -> None:
     """Writes a line for each variant, with a column for each setting. Raises Invalid."""
     import csv
-
-    from rorg.errors import Invalid
 
     rows = [{**one.as_json(), **one.variant.settings} for one in found]
     settings = dict.fromkeys(key for one in found for key in one.variant.settings)

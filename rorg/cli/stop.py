@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated
 
+from rorg_client import NotFound
+
+from rorg.cli.context import Context
+from rorg.cli.operations import Served, operating
 from rorg.cli.options import REQUESTS, SERVICES, Argument, Option, Output, StateDirectory, Yes
+from rorg.cli.release import command as release
+from rorg.errors import Missing, StillWanted
 
 if TYPE_CHECKING:
     from rorg_client.types import Why
 
     from rorg.cli.offline import Local
-    from rorg.cli.operations import Served
 
 
 def command(
@@ -27,11 +32,6 @@ def command(
 
     Example: rorg stop navigation
     """
-    from rorg.cli.context import Context
-    from rorg.cli.operations import operating
-    from rorg.cli.release import command as release
-    from rorg.errors import StillWanted
-
     robot = operating(Context(state_dir, None))
     if robot.requests(id):
         release(id, requester, yes, output, state_dir)
@@ -55,10 +55,6 @@ def _held(one: Why) -> tuple[str, str]:
 
 def _known(robot: Served | Local, name: str) -> list[Why]:
     """Why services of this name are wanted, or not; empty for an unknown name."""
-    from rorg_client import NotFound
-
-    from rorg.errors import Missing
-
     try:
         return robot.why(name)
     except (NotFound, Missing):

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from rorg.cli.context import Context
+from rorg.cli.operations import operating
 from rorg.cli.options import End, For, Output, Reason, StateDirectory
 from rorg.cli.output import print_rows
+from rorg.errors import Invalid
+from rorg.model.units import format_duration, format_seconds
 
 
 def command(
@@ -17,11 +21,6 @@ def command(
 
     Example: rorg suspend --for 1h --reason maintenance
     """
-    from rorg.cli.context import Context
-    from rorg.cli.operations import operating
-    from rorg.errors import Invalid
-    from rorg.model.units import format_duration, format_seconds
-
     if not end and not duration:
         raise Invalid("suspend", "a suspension needs a duration", "--for 10m")
     if end and duration:

@@ -5,9 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Annotated, Any
 
+from rorg.cli.context import Context
 from rorg.cli.options import SERVICES, Argument, Option, Output, StateDirectory, moment
 from rorg.cli.output import echo, print_rows
+from rorg.cli.records import records_of
 from rorg.cli.terminal import printable
+from rorg.errors import Missing
+from rorg.model.units import format_seconds, parse_time
 
 STATES = ("ready", "running", "restarting", "paused", "created", "exited", "removing", "dead", "none")
 """From the top of the chart down."""
@@ -32,10 +36,6 @@ def command(
 
     Example: rorg timeline navigation --since 1h
     """
-    from rorg.cli.context import Context
-    from rorg.cli.records import records_of
-    from rorg.errors import Missing
-
     begin, end = since or moment(DAY), until or moment(NOW)
     with records_of(Context(state_dir, None)) as records:
         found = records.timeline(service, begin, end)
@@ -60,8 +60,6 @@ def command(
 def chart(end: str, spans: Sequence[dict[str, Any]], width: int) -> list[str]:
     """A bar for each state. A column stands for a part of the time, and is filled if the service was in that state at
     any moment of it; the share of the whole time is at the end. The chart begins with the first recorded state."""
-    from rorg.model.units import parse_time
-
     begin = spans[0]["begin"]
     first, last = parse_time(begin), parse_time(end)
     names = [s for s in STATES if any(span["state"] == s for span in spans)]
@@ -89,8 +87,6 @@ def _time(at: str) -> str:
 
 
 def _length(seconds: float) -> str:
-    from rorg.model.units import format_seconds
-
     return format_seconds(seconds)
 
 

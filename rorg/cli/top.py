@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+import os
+import sys
+import time
+from typing import Annotated
 
+from rorg.cli.context import Context
 from rorg.cli.options import Option, Output, StateDirectory, duration
-
-if TYPE_CHECKING:
-    from rorg.cli.context import Context
+from rorg.cli.output import print_rows, table
+from rorg.cli.top_view import COLUMNS, cells_of, header, look
 
 
 def command(
@@ -21,11 +24,6 @@ def command(
 
     Example: rorg top --interval 2s
     """
-    import os
-    import sys
-
-    from rorg.cli.context import Context
-
     context = Context(state_dir, None)
     screen = sys.stdout.isatty() and sys.stdin.isatty() and os.environ.get("TERM", "dumb") != "dumb"
     if once or output != "table" or not screen:
@@ -38,11 +36,6 @@ def command(
 
 def _print(context: Context, output: str, seconds: float) -> None:
     """Prints one look, in any form."""
-    import time
-
-    from rorg.cli.output import print_rows, table
-    from rorg.cli.top_view import COLUMNS, cells_of, header, look
-
     client = context.serving("look at what runs")
     before = client.usage()
     time.sleep(seconds)

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from rorg.cli.context import Context
 from rorg.cli.options import FILES, Argument, Option, Output, StateDirectory, duration, moment
 from rorg.cli.output import echo, note, print_rows
+from rorg.cli.records import records_of
+from rorg.errors import Invalid
+from rorg.model.units import NAME, counted, format_seconds, parse_time
 
 if TYPE_CHECKING:
     from rorg.model.trace import Trace
@@ -52,8 +57,6 @@ def command(
 
     Example: rorg trace record --since 24h --file yesterday.yaml
     """
-    from rorg.errors import Invalid
-
     if (trace is not None) != (action == "show"):
         why = f"'{trace}' is one word too many" if trace else "no file is named"
         raise Invalid(f"{action} a trace", why, f"`rorg trace {action}{' FILE' * (action == 'show')}`")
@@ -67,10 +70,6 @@ def command(
 
 def _name(file: Path | None, otherwise: str) -> str:
     """The name of the file, if a manifest may have it; otherwise the default."""
-    import re
-
-    from rorg.model.units import NAME
-
     return file.stem if file and re.fullmatch(NAME, file.stem) else otherwise
 
 
@@ -83,10 +82,7 @@ def _generated(length: float, greetings: int | None, tours: int | None, seed: in
 
 
 def _recorded(since: str, until: str, name: str, state_dir: Path | None) -> Trace:
-    from rorg.cli.context import Context
-    from rorg.cli.records import records_of
     from rorg.model.trace import Trace, TraceEvent
-    from rorg.model.units import counted, parse_time
 
     with records_of(Context(state_dir, None)) as records:
         found = records.requested(since, until)
@@ -103,7 +99,6 @@ def _recorded(since: str, until: str, name: str, state_dir: Path | None) -> Trac
 
 
 def _write(trace: Trace, file: Path | None) -> None:
-    from rorg.errors import Invalid
     from rorg.manifest.traces import trace_text
 
     text = trace_text(trace)
@@ -118,7 +113,6 @@ def _write(trace: Trace, file: Path | None) -> None:
 
 def _show(file: Path, output: str) -> None:
     from rorg.manifest.traces import read_trace
-    from rorg.model.units import counted, format_seconds
     from rorg.sim.report import activities
 
     trace = read_trace(file)

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from rorg.cli.commands import ALIASES, COMMANDS, command_of
 from rorg.cli.options import Option
 from rorg.cli.signature import Parameter
+from rorg.cli.terminal import printable
 from rorg.errors import Invalid
 
 HELP = "`rorg --help`"
@@ -36,8 +37,6 @@ KNOWN = {
 
 def unknown(word: str) -> Invalid:
     """The error for a line that begins with neither a command nor an option of `rorg` itself."""
-    from rorg.cli.terminal import printable
-
     if word.startswith("-"):
         remedy = "it after the name of a command, as in `rorg get --help`"
         return Invalid("run `rorg`", f"unknown option {printable(word)}", remedy)
@@ -85,8 +84,6 @@ def one_slip(word: str, name: str) -> bool:
 
 def misread(name: str, why: str, remedy: str = "") -> Invalid:
     """The error for a line that cannot be read. `name`: of the command."""
-    from rorg.cli.terminal import printable
-
     return Invalid(f"run `rorg {name}`", printable(why), remedy or f"`rorg {name} --help`")
 
 

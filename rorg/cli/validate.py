@@ -8,7 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 from urllib.parse import quote
 
+from rorg.cli.context import Context, known_engine
+from rorg.cli.differences import line
 from rorg.cli.options import FORMS, Directory, EngineName, Option, StateDirectory
+from rorg.cli.output import dump, note, print_rows
+from rorg.cli.terminal import hide
+from rorg.errors import Exit, Invalid
+from rorg.model.units import counted
 
 if TYPE_CHECKING:
     from rorg.manifest.load import Loaded
@@ -40,7 +46,6 @@ def command(
 
     Example: rorg validate manifests
     """
-    from rorg.cli.context import Context, known_engine
     from rorg.manifest.documents import manifest_files
 
     engine = known_engine(engine)
@@ -56,8 +61,6 @@ def command(
 
 def _here(root: str) -> Path:
     """The tree of the running rorg, if that runs on this machine."""
-    from rorg.errors import Invalid
-
     if not Path(root).is_dir():
         raise Invalid("check this machine", f"{root} is not on this one", "`rorg validate --machine` there")
     return Path(root)
@@ -65,12 +68,9 @@ def _here(root: str) -> Path:
 
 def _read(root: Path, engine: str, output: str, robot: str, machine: bool) -> None:
     """Validates the files of a directory: for one robot, or for the base and all robots."""
-    from rorg.cli.output import note
-    from rorg.cli.terminal import hide
     from rorg.core.masking import Masker
     from rorg.manifest.load import load
     from rorg.manifest.overlay import robots_of
-    from rorg.model.units import counted
 
     loaded = load(root, engine=engine, robot=robot)
     masker = Masker()
@@ -103,7 +103,6 @@ def _on_this_machine(loaded: Loaded, engine: str) -> list[Diagnostic]:
     """What these manifests need and this machine, or its engine, lacks."""
     from dataclasses import replace
 
-    from rorg.cli.output import note
     from rorg.engines.facts import engine_facts
     from rorg.host.devices import look
     from rorg.host.machine import gather
@@ -124,8 +123,6 @@ def _on_this_machine(loaded: Loaded, engine: str) -> list[Diagnostic]:
 
 def _followed(told: dict[str, Any], output: str) -> None:
     """Reports what the running rorg found, which has read its tree again."""
-    from rorg.cli.output import note
-
     _tell([*told["errors"], *told.get("warnings", ())], output)
     if told["errors"]:
         _refuse(len(told["errors"]))
@@ -133,9 +130,6 @@ def _followed(told: dict[str, Any], output: str) -> None:
 
 
 def _tell(found: list[dict[str, Any]], output: str) -> None:
-    from rorg.cli.differences import line
-    from rorg.cli.output import dump, note, print_rows
-
     if output == SARIF:
         from rorg import __version__
         from rorg.manifest.validation.codes import CODES
@@ -148,10 +142,6 @@ def _tell(found: list[dict[str, Any]], output: str) -> None:
 
 
 def _refuse(errors: int) -> NoReturn:
-    from rorg.cli.output import note
-    from rorg.errors import Exit
-    from rorg.model.units import counted
-
     note(f"{counted(errors, 'error')}: rorg would refuse these manifests")
     sys.exit(int(Exit.USAGE))
 

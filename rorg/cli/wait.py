@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from rorg.cli.context import Context
+from rorg.cli.operations import operating
 from rorg.cli.options import Output, ServiceNames, StateDirectory, Timeout
 from rorg.cli.output import print_rows
 
@@ -13,9 +15,6 @@ def command(
 
     Example: rorg wait navigation --timeout 30s
     """
-    from rorg.cli.context import Context
-    from rorg.cli.operations import operating
-
     robot = operating(Context(state_dir, None))
     robot.check_wait(f"wait for {', '.join(services)}")
     robot.wait(services, timeout)

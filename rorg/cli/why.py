@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from rorg.cli.context import Context
+from rorg.cli.operations import operating
 from rorg.cli.options import EngineName, Output, ServiceName, StateDirectory
 from rorg.cli.output import print_rows
 from rorg.cli.terminal import printable
@@ -19,9 +21,6 @@ def command(
 
     Example: rorg why navigation
     """
-    from rorg.cli.context import Context
-    from rorg.cli.operations import operating
-
     # The running rorg answers even if the manifests on the disk have mistakes.
     found = operating(Context(state_dir, engine)).why(service)
     rows = [
