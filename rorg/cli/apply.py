@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from rorg.cli.context import Context
 from rorg.cli.differences import Differences, differences, warn_of_other_tree
-from rorg.cli.options import Directory, EngineName, Output, StateDirectory, Timeout, Wait, Yes
+from rorg.cli.options import Output, Timeout, TreeDirectory, Wait, Yes
 from rorg.cli.output import consent, note, print_rows
 from rorg.cli.published import SETTLED, condition, hopeless, unready
 from rorg.errors import NotReady, Refused
@@ -20,9 +20,7 @@ if TYPE_CHECKING:
 
 
 def command(
-    directory: Directory = None,
-    state_dir: StateDirectory = None,
-    engine: EngineName = None,
+    context: TreeDirectory,
     yes: Yes = False,
     wait: Wait = False,
     timeout: Timeout = 300.0,
@@ -32,7 +30,6 @@ def command(
 
     Example: rorg apply --yes --wait --timeout 5m
     """
-    context = Context(state_dir, engine, directory, local=True)
     owner = taken(context, "rorg apply")
     if owner is not None:
         _fetch(context)

@@ -11,14 +11,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from rorg.cli.context import Context
 from rorg.cli.options import (
     Argument,
-    EngineName,
-    ManifestsDirectory,
+    BuildTree,
     Option,
     Output,
-    OwnStateDirectory,
 )
 from rorg.cli.output import missing, note, print_rows
 from rorg.cli.terminal import entry, printable
@@ -38,18 +35,16 @@ TOLD = 10
 
 
 def command(
+    context: BuildTree,
     images: Annotated[
         list[str], Argument("Images to build, with their parents. Default: all of the tree.", completes="images")
     ] = [],  # noqa: B006
-    directory: ManifestsDirectory = None,
     pull: Annotated[bool, Option("Pull external images again.")] = False,
     no_cache: Annotated[bool, Option("Do not use the engine's build cache.")] = False,
     jobs: Annotated[
         int | None, Option("Parallel builds. Default: one per processor, at most 4.", names=("-j", "--jobs"), least=1)
     ] = None,
     dry_run: Annotated[bool, Option("Print what rorg would do, and do nothing.")] = False,
-    state_dir: OwnStateDirectory = None,
-    engine: EngineName = None,
     output: Output = "table",
 ) -> None:
     """Build the images of the tree, parents before children, and pull missing base images. Exit 4 if one fails.
@@ -59,7 +54,6 @@ def command(
     from rorg.images.references import references_for
     from rorg.images.supply import Supplier
 
-    context = Context(state_dir, engine, Path(directory) if directory else None, local=True, own=True)
     catalog = context.catalog()
     for name in images:
         if not declared(name, catalog.images):

@@ -39,8 +39,8 @@ class Context:
 
     def __init__(
         self,
-        state_dir: Path | None,
-        engine: str | None,
+        state_dir: Path | None = None,
+        engine: str | None = None,
         directory: Path | None = None,
         local: bool = False,
         own: bool = False,

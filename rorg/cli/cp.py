@@ -5,20 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from rorg.cli.context import Context
 from rorg.cli.exec import container_of
-from rorg.cli.options import Argument, EngineName, StateDirectory
+from rorg.cli.options import Argument, RobotEngine
 from rorg.errors import Invalid
 
 Place = Annotated[str, Argument("SERVICE:PATH, or a path on this machine; one of each.")]
 
 
-def command(
-    source: Place,
-    target: Place,
-    state_dir: StateDirectory = None,
-    engine: EngineName = None,
-) -> None:
+def command(context: RobotEngine, source: Place, target: Place) -> None:
     """Copy files or directories out of a service or into it.
 
     Example: rorg cp navigation:/root/map.yaml .
@@ -33,7 +27,6 @@ def command(
         raise Invalid(what, f"no directory {Path(place).parent}", "creating it first")
     if to_service and not Path(origin).exists():
         raise Invalid(what, f"no such file: {origin}", "another path")
-    context = Context(state_dir, engine)
     container = container_of(context, from_service or to_service, what)
     if from_service:
         context.engine().fetch(container.id, origin, Path(place))

@@ -8,20 +8,17 @@ from typing import Any
 from rorg_client import calls
 
 from rorg.cli.context import Context
-from rorg.cli.options import EngineName, Output, ServiceName, StateDirectory
+from rorg.cli.options import Output, RobotEngine, ServiceName
 from rorg.cli.output import dump, echo
 from rorg.cli.terminal import printable
 
 
-def command(
-    service: ServiceName, state_dir: StateDirectory = None, engine: EngineName = None, output: Output = "table"
-) -> None:
+def command(context: RobotEngine, service: ServiceName, output: Output = "table") -> None:
     """Show everything about one service: its declaration and where it comes from (`sources`), its state, who wants
     it, its last events, and the last lines of its log.
 
     Example: rorg describe navigation
     """
-    context = Context(state_dir, engine)
     context.view()  # for its notices, such as refused manifests
     client = context.client()
     if client:

@@ -6,16 +6,13 @@ import sys
 from pathlib import Path
 from typing import Annotated
 
-from rorg.cli.context import Context
 from rorg.cli.options import (
     DIRECTORIES,
     SERVICES,
     Argument,
-    EngineName,
-    ManifestsDirectory,
     Option,
     Output,
-    StateDirectory,
+    RobotManifests,
     Yes,
 )
 from rorg.cli.output import print_rows
@@ -23,6 +20,7 @@ from rorg.errors import Invalid
 
 
 def command(
+    context: RobotManifests,
     name: Annotated[
         str | None,
         Argument(
@@ -43,11 +41,8 @@ def command(
     devcontainer: Annotated[
         bool, Option("Only write .devcontainer/devcontainer.json in the workspace, for editors.")
     ] = False,
-    directory: ManifestsDirectory = None,
     yes: Yes = False,
     output: Output = "table",
-    state_dir: StateDirectory = None,
-    engine: EngineName = None,
 ) -> None:
     """Open a shell in a service's own image, with its mounts, devices, network and limits, and your workspace. The
     container stays when the shell ends; the same command enters it again.
@@ -64,7 +59,7 @@ def command(
         raise Invalid(f"run a command to develop {name}", "it has no name", f"`rorg dev {name} -- COMMAND`")
     if name is None and (fresh or devcontainer or (called and not stop)):
         raise Invalid("open a dev container", "no service or image is named", "`rorg dev NAME`")
-    robot = Developing(Context(state_dir, engine, Path(directory) if directory else None))
+    robot = Developing(context)
     if stop:
         robot.stop(name, called)
     elif name is None:

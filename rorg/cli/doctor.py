@@ -11,7 +11,7 @@ from rorg_client import Client
 from rorg_client import Error as ClientError
 
 from rorg.cli.context import Context
-from rorg.cli.options import EngineName, Output, StateDirectory
+from rorg.cli.options import Output, RobotEngine
 from rorg.cli.output import print_rows
 from rorg.cli.places import NAME, handshake, may_connect
 from rorg.errors import Exit, Refused, Unreachable
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from rorg.model.installation import Installation
 
 
-def command(output: Output = "table", engine: EngineName = None, state_dir: StateDirectory = None) -> None:
+def command(context: RobotEngine, output: Output = "table") -> None:
     """Check the installation and say what to do: the engine, control groups, the state directory, the running rorg,
     git, the clock, disks, and kernel limits. Exit 4 if something keeps rorg from working. For problems in
     manifests, run `rorg validate --machine`.
@@ -33,7 +33,6 @@ def command(output: Output = "table", engine: EngineName = None, state_dir: Stat
     """
     from rorg.core.doctor import ERROR, examine
 
-    context = Context(state_dir, engine)
     found = examine(_facts(context))
     rows = [check.as_json() for check in found]
     print_rows(rows, output, ("check", "status", "message", "remedy"), below=("message", "remedy"))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from rorg_client import Error
 
 from rorg.cli.context import Context
-from rorg.cli.options import EngineName, Option, StateDirectory, Timeout, Yes
+from rorg.cli.options import Option, RobotEngine, Timeout, Yes
 from rorg.cli.output import consent, note, table
 from rorg.cli.terminal import entry
 from rorg.errors import Invalid, NotReady, RorgError, Unreachable
@@ -22,19 +22,17 @@ if TYPE_CHECKING:
 
 
 def command(
+    context: RobotEngine,
     yes: Yes = False,
     keep_requests: Annotated[bool, Option("Keep the requests for the next `rorg run`.")] = False,
     volumes: Annotated[bool, Option("Also remove the robot's volumes with all data.")] = False,
     timeout: Timeout = 300.0,
-    state_dir: StateDirectory = None,
-    engine: EngineName = None,
 ) -> None:
     """Stop and remove all services of this robot, in order, then its networks, and forget it. Manifests stay, and so
     do volumes, unless they are to go too. rorg never removes anything that it did not make.
 
     Example: rorg down --yes
     """
-    context = Context(state_dir, engine)
     client = context.client()
     if context.silence:
         raise Unreachable("take the robot down", context.silence, "again when it answers")

@@ -16,9 +16,7 @@ from rorg.cli.context import Context
 from rorg.cli.options import (
     SERVICES,
     Argument,
-    EngineName,
-    ManifestsDirectory,
-    StateDirectory,
+    Tree,
 )
 from rorg.cli.output import echo, missing, note
 from rorg.errors import Invalid, Refused
@@ -31,12 +29,10 @@ KINDS = {"svc": "Service"}
 
 
 def command(
+    context: Tree,
     manifest: Annotated[
         str, Argument("KIND/NAME, such as group/driving; NAME alone for a service.", completes=SERVICES)
     ],
-    directory: ManifestsDirectory = None,
-    state_dir: StateDirectory = None,
-    engine: EngineName = None,
 ) -> None:
     """Edit a manifest in $VISUAL or $EDITOR. rorg checks it with the whole tree, writes it in one step and commits
     it.
@@ -47,7 +43,7 @@ def command(
     import tempfile
 
     kind, _, name = manifest.partition("/") if "/" in manifest else ("service", "", manifest)
-    tree = manifests(Context(state_dir, engine, Path(directory) if directory else None, local=True))
+    tree = manifests(context)
     chosen = _kind(kind)
     if name not in tree.names(chosen):
         raise missing(chosen.lower(), name, tree.names(chosen))

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Annotated, Any
 
 from rorg.cli.context import Context
-from rorg.cli.options import SERVICES, Option, Output, StateDirectory, moment, words
+from rorg.cli.options import SERVICES, Option, Output, Robot, moment, words
 from rorg.cli.output import as_json, echo, end_with_reader
 from rorg.cli.terminal import entry, printable
 from rorg.errors import Invalid
@@ -20,6 +20,7 @@ MOST_TOLD = 10_000
 
 
 def command(
+    context: Robot,
     follow: Annotated[bool, Option("Follow new entries.", names=("-f", "--follow"))] = False,
     tail: Annotated[
         int | None, Option("Number of entries, the last ones. Default: 20, or all with --since.", least=0)
@@ -31,7 +32,6 @@ def command(
     grep: Annotated[str, Option("Only with this text in the message; case does not matter.")] = "",
     no_fold: Annotated[bool, Option("Show every repeated event.")] = False,
     output: Output = "table",
-    state_dir: StateDirectory = None,
 ) -> None:
     """Show what happened: actions and their outcomes, states of services, requests with their authors, refusals,
     crashes, pressure. Repeated events share one line ("x 14 since ..."), except with -f. JSON is one object per
@@ -43,7 +43,6 @@ def command(
         raise Invalid("follow events", "--until and -f contradict each other", "one of them")
     only = {"kind": words(kind), "service": words(service), "since": since or "", "until": until or "", "text": grep}
     last = tail if tail is not None else MOST if since else LAST
-    context = Context(state_dir, None)
     found = _events(context, follow, last, only)
     if follow:
         end_with_reader()

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated
 
 from rorg.cli.context import Context
-from rorg.cli.options import SERVICES, Argument, EngineName, Option, StateDirectory
+from rorg.cli.options import SERVICES, Argument, Option, RobotEngine
 from rorg.cli.output import missing, note
 from rorg.errors import Invalid, NotReady
 
@@ -19,6 +19,7 @@ NO_PROGRAM = 127
 
 
 def command(
+    context: RobotEngine,
     service: Service,
     command: Annotated[list[str], Argument("The command, after `--`.")],
     interactive: Annotated[
@@ -30,8 +31,6 @@ def command(
             "Fail without a terminal. Default: the command gets a terminal if there is one here.", names=("-t", "--tty")
         ),
     ] = False,
-    state_dir: StateDirectory = None,
-    engine: EngineName = None,
 ) -> None:
     """Run a command inside a service and exit with its exit code.
 
@@ -39,7 +38,7 @@ def command(
     """
     if not command[0]:
         raise Invalid(f"run a command in {service}", "it has no name", f"`rorg exec {service} -- COMMAND`")
-    code = run_inside(Context(state_dir, engine), service, command, interactive, terminal)
+    code = run_inside(context, service, command, interactive, terminal)
     if code == NO_PROGRAM:
         note(f"rorg: {command[0]} in {service} gave 127: no such program; try `rorg shell {service}` to look around")
     sys.exit(code)

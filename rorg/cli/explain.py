@@ -5,8 +5,7 @@ from __future__ import annotations
 import textwrap
 from typing import TYPE_CHECKING, Annotated, Any
 
-from rorg.cli.context import Context
-from rorg.cli.options import SERVICES, Argument, Directory, Output, StateDirectory
+from rorg.cli.options import SERVICES, Argument, Output, TreeAlone
 from rorg.cli.output import dump, echo, missing, table
 from rorg.errors import Invalid
 
@@ -22,6 +21,7 @@ CHANGES = {
 
 
 def command(
+    context: TreeAlone,
     what: Annotated[
         str,
         Argument(
@@ -29,8 +29,6 @@ def command(
             completes=SERVICES,
         ),
     ],
-    directory: Directory = None,
-    state_dir: StateDirectory = None,
     output: Output = "table",
 ) -> None:
     """Explain a manifest field: meaning, type, default, example. Or explain a service: every effective value, with
@@ -46,7 +44,7 @@ def command(
         page = place.path if output == "name" else _page(place)
         dump(_as_json(place), output) if output in ("json", "yaml") else echo(page)
         return
-    found = _service(Context(state_dir, None, directory, local=True), what, kind, name)
+    found = _service(context, what, kind, name)
     if output == "name":
         echo("\n".join(value.field for value in found))
         return

@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from rorg.cli.context import Context
-from rorg.cli.options import FILES, Argument, Directory, Option, StateDirectory
+from rorg.cli.options import FILES, Argument, Option, TreeAlone
 from rorg.cli.output import dump, echo, note
 from rorg.errors import Invalid, Refused
 from rorg.model.units import counted
@@ -19,8 +18,8 @@ FORMS = ("yaml", "json")
 
 
 def command(
+    context: TreeAlone,
     format: Annotated[str, Argument("compose.", choices=FORMATS)],  # noqa: ARG001 - there is one
-    directory: Directory = None,
     output: Annotated[
         Path | None,
         Option(
@@ -35,7 +34,6 @@ def command(
         ),
     ] = "yaml",
     force: Annotated[bool, Option("Overwrite existing files.")] = False,
-    state_dir: StateDirectory = None,
 ) -> None:
     """Write the robot as a Compose file: every container option, needs, image builds, networks and volumes, without
     requests. Comments in the file say what Compose cannot express.
@@ -44,7 +42,6 @@ def command(
     """
     from rorg.compose.writer import export
 
-    context = Context(state_dir, None, directory, local=True)
     catalog = context.catalog()
     root = context.root.resolve()
     base = (output.parent if output else Path(".")).resolve()

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from rorg.cli.context import Context
 from rorg.cli.edit import manifests
-from rorg.cli.options import FORMS, SERVICES, Argument, EngineName, ManifestsDirectory, Option, StateDirectory, moment
+from rorg.cli.options import (
+    FORMS,
+    SERVICES,
+    Argument,
+    Option,
+    Tree,
+    moment,
+)
 from rorg.cli.output import echo, missing, note, print_rows
 from rorg.cli.records import records_of
 
@@ -28,6 +33,7 @@ def percent(text: str) -> float:
 
 
 def command(
+    context: Tree,
     services: Annotated[list[str] | None, Argument("Services. Default: all.", completes=SERVICES)] = None,
     since: Annotated[
         str | None, Option("Start: 2h (ago), or 2026-01-31T12:00:00Z. Default: 7d.", parser=moment)
@@ -42,9 +48,6 @@ def command(
     output: Annotated[
         str, Option("diff, table, wide, name, yaml or json.", names=("-o", "--output"), choices=("diff", *FORMS))
     ] = "diff",
-    directory: ManifestsDirectory = None,
-    state_dir: StateDirectory = None,
-    engine: EngineName = None,
 ) -> None:
     """Propose `resources:` for manifests from measured use: the mean CPU and the peak memory of each service while
     it ran.
@@ -53,7 +56,6 @@ def command(
     """
     from rorg.manifest.fitting import fit
 
-    context = Context(state_dir, engine, Path(directory) if directory else None, local=True)
     tree = manifests(context)
     known = tree.names("Service")
     for name in services or ():

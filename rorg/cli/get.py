@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import datetime
-from pathlib import Path
 from typing import Annotated, Any
 
 from rorg.cli.context import Context
@@ -13,11 +12,9 @@ from rorg.cli.options import (
     GROUPS,
     SERVICES,
     Argument,
-    EngineName,
-    ManifestsDirectory,
     Option,
     Output,
-    StateDirectory,
+    RobotManifests,
 )
 from rorg.cli.output import end_with_reader, missing, print_rows
 from rorg.cli.selection import select
@@ -48,6 +45,7 @@ Found = tuple[list[dict[str, Any]], list[Any]]
 
 
 def command(
+    context: RobotManifests,
     what: Annotated[
         list[str] | None,
         Argument(
@@ -64,9 +62,6 @@ def command(
         str,
         Option("name, state, age, restarts or priority.", choices=("name", "state", "age", "restarts", "priority")),
     ] = "name",
-    directory: ManifestsDirectory = None,
-    state_dir: StateDirectory = None,
-    engine: EngineName = None,
     output: Output = "table",
     watch: Annotated[bool, Option("Keep showing changes.", names=("-w", "--watch"))] = False,
 ) -> None:
@@ -82,7 +77,6 @@ def command(
     words = list(what or ())
     named = bool(words) and words[0] in KINDS
     kind = KINDS[words.pop(0)] if named else "services"
-    context = Context(state_dir, engine, Path(directory) if directory else None)
     sort = SORTS[sort_by]
     if kind != "services" and (label or group or sort_by != "name"):
         _only_services(kind)

@@ -6,8 +6,7 @@ import sys
 from pathlib import Path
 from typing import Annotated, Any
 
-from rorg.cli.context import Context
-from rorg.cli.options import FILES, Argument, Option, Output, StateDirectory
+from rorg.cli.options import FILES, Argument, Option, Output, Robot
 from rorg.cli.output import dump, echo, print_rows, table
 from rorg.cli.records import Kept, Served, records_of
 from rorg.cli.terminal import entry, printable
@@ -21,6 +20,7 @@ MOST = 1000
 
 
 def command(
+    context: Robot,
     action: Annotated[
         str, Argument("list, show REV, diff REV [REV] (default: the newest), or export.", choices=ACTIONS)
     ] = "list",
@@ -35,7 +35,6 @@ def command(
         Path | None, Option("For export: the file to write. Default: standard output.", completes=FILES, metavar="FILE")
     ] = None,
     output: Output = "table",
-    state_dir: StateDirectory = None,
 ) -> None:
     """List the revisions of the manifests and the standing of each: applying, baking, good, failed, superseded or
     refused. `show` one, `diff` two, or `export` everything.
@@ -46,7 +45,7 @@ def command(
     if not least <= len(revisions) <= most:
         why = f"'{revisions[most]}' is one word too many" if len(revisions) > most else "no revision is named"
         raise Invalid(f"{action} the history", why, f"`rorg history {action}{' REV' * least}`")
-    with records_of(Context(state_dir, None)) as records:
+    with records_of(context) as records:
         if action == "list":
             _print(records.listed(number), output)
         elif action == "show":

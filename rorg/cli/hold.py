@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from rorg.cli.context import Context
 from rorg.cli.operations import confirmed, operating
-from rorg.cli.options import End, EngineName, For, Output, Reason, ServiceNames, StateDirectory, Yes
+from rorg.cli.options import End, For, Output, Reason, RobotEngine, ServiceNames, Yes
 from rorg.cli.output import print_rows
 from rorg.errors import Invalid
 from rorg.model.units import format_duration, format_seconds
 
 
 def command(
+    context: RobotEngine,
     services: ServiceNames,
     duration: For = None,
     reason: Reason = "",
     end: End = False,
     yes: Yes = False,
     output: Output = "table",
-    state_dir: StateDirectory = None,
-    engine: EngineName = None,
 ) -> None:
     """Keep services idle for a time, regardless of who requests them. Ask first if that stops a driver or other
     services.
@@ -31,7 +29,7 @@ def command(
         raise Invalid(f"hold {', '.join(services)}", "--for and --end contradict each other", "one of them")
     length = None if end else format_duration(duration or 0.0)
     body = {"services": services, "duration": length, "reason": reason}
-    robot = operating(Context(state_dir, engine))
+    robot = operating(context)
     names = confirmed(lambda force: robot.hold({**body, "force": force}), yes, "Hold")
     text = f"{', '.join(names)} " + ("no longer held" if end else f"held for {format_seconds(duration or 0.0)}")
     rows = [{"service": n, "held": not end, "seconds": None if end else duration, "reason": reason} for n in names]

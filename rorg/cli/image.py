@@ -8,11 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 from rorg.cli.context import Context
 from rorg.cli.options import (
     Argument,
-    EngineName,
-    ManifestsDirectory,
     Option,
     Output,
-    StateDirectory,
+    Tree,
     Yes,
 )
 from rorg.cli.output import consent, missing, note, print_rows
@@ -32,14 +30,12 @@ ACTIONS = ("list", "prune", "save", "load")
 
 
 def command(
+    context: Tree,
     action: Annotated[str, Argument("list, prune, save FILE [IMAGE...] or load FILE.", choices=ACTIONS)],
     names: Annotated[list[str], Argument("A file, and images. Default: all that services use.")] = [],  # noqa: B006
     keep: Annotated[int | None, Option("For prune: number of revisions whose images stay.", least=1)] = None,
     dry_run: Annotated[bool, Option("For prune: only show what rorg would remove.")] = False,
     yes: Yes = False,
-    directory: ManifestsDirectory = None,
-    state_dir: StateDirectory = None,
-    engine: EngineName = None,
     output: Output = "table",
 ) -> None:
     """List the images that rorg has built, with their size and why they are kept. Prune the ones that no rollback
@@ -51,7 +47,7 @@ def command(
         raise Invalid(f"{action} images", "no file is named", f"`rorg image {action} FILE`")
     if action in ("list", "prune", "load") and len(names) > (action == "load"):
         raise Invalid(f"{action} images", f"'{names[-1]}' is one word too many", f"`rorg image {action}`")
-    robot = _Robot(Context(state_dir, engine, Path(directory) if directory else None, local=True))
+    robot = _Robot(context)
     if action == "list":
         _print(robot.kept(None), output)
     elif action == "prune":

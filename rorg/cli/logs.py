@@ -12,7 +12,7 @@ from rorg_client import Client, Error, Unreachable, calls
 from rorg_client.errors import unreachable
 
 from rorg.cli.context import Context
-from rorg.cli.options import EngineName, Option, ServiceNames, StateDirectory
+from rorg.cli.options import Option, RobotEngine, ServiceNames
 from rorg.cli.output import as_json, echo, missing, note
 from rorg.cli.terminal import LogText
 
@@ -21,21 +21,19 @@ AGAIN = 0.3
 
 
 def command(
+    context: RobotEngine,
     services: ServiceNames,
     follow: Annotated[bool, Option("Follow new lines.", names=("-f", "--follow"))] = False,
     tail: Annotated[int | None, Option("Only the last lines of each: 100.", names=("-n", "--tail"), least=0)] = None,
     since: Annotated[str, Option("Only lines since 10m (ago), or 2026-01-31T12:00:00Z.")] = "",
     timestamps: Annotated[bool, Option("Show when each line was printed.", names=("-t", "--timestamps"))] = False,
     output: Annotated[str, Option("table or json.", names=("-o", "--output"), choices=("table", "json"))] = "table",
-    state_dir: StateDirectory = None,
-    engine: EngineName = None,
 ) -> None:
     """Print the logs of services, merged by time. The process engine keeps no times: there, earlier lines come one
     service after the other, `--since` is refused, and `-t` shows when rorg saw a followed line.
 
     Example: rorg logs navigation localization -f --since 10m
     """
-    context = Context(state_dir, engine)
     names, asked = list(dict.fromkeys(services)), {"follow": follow, "tail": tail, "since": since or None}
     client = context.client()
     if client:

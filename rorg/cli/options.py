@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
+from rorg.cli.context import Context
 from rorg.model.engines import ENGINES
 from rorg.model.units import parse_duration, parse_since, stamp
 
@@ -88,8 +89,8 @@ DIRECTORY = Argument(
     completes=DIRECTORIES,
 )
 Directory = Annotated[Path | None, DIRECTORY]
-MANIFESTS = Option("Directory of manifests.", names=("--manifests",), parser=str, completes=DIRECTORIES)
-ManifestsDirectory = Annotated[Any, MANIFESTS]
+MANIFESTS = Option("Directory of manifests.", names=("--manifests",), completes=DIRECTORIES)
+ManifestsDirectory = Annotated[Path | None, MANIFESTS]
 """For commands whose first argument is something else."""
 ROBOT = Option(
     "The robot of a fleet, whose robots/NAME/ changes the manifests. Default: RORG_ROBOT, or the name of this "
@@ -129,6 +130,34 @@ EngineName = Annotated[
         choices=ENGINES,
     ),
 ]
+
+
+class ContextOptions(NamedTuple):
+    """The options that make a command's Context: signature.py adds them to those that the command declares itself."""
+
+    engine: bool = True
+    directory: Any = None
+    """Directory, or ManifestsDirectory for commands whose first argument is something else."""
+    local: bool = False
+    own: bool = False
+    """As of a Context."""
+
+    @property
+    def hints(self) -> dict[str, Any]:
+        """Parameter of a Context -> its option."""
+        state_dir = OwnStateDirectory if self.own else StateDirectory
+        found = {"directory": self.directory, "state_dir": state_dir, "engine": EngineName if self.engine else None}
+        return {name: hint for name, hint in found.items() if hint}
+
+
+Robot = Annotated[Context, ContextOptions(engine=False)]
+RobotEngine = Annotated[Context, ContextOptions()]
+RobotManifests = Annotated[Context, ContextOptions(directory=ManifestsDirectory)]
+Tree = Annotated[Context, ContextOptions(directory=ManifestsDirectory, local=True)]
+BuildTree = Annotated[Context, ContextOptions(directory=ManifestsDirectory, local=True, own=True)]
+TreeDirectory = Annotated[Context, ContextOptions(directory=Directory, local=True)]
+TreeAlone = Annotated[Context, ContextOptions(engine=False, directory=Directory, local=True)]
+RunTree = Annotated[Context, ContextOptions(directory=Directory, local=True, own=True)]
 Output = Annotated[str, Option("table, wide, name, yaml or json.", names=("-o", "--output"), choices=FORMS)]
 Yes = Annotated[bool, Option("Do not ask.", names=("--yes", "-y"))]
 Wait = Annotated[bool, Option("Return when everything is ready; exit 4 if that fails.", names=("--wait",))]

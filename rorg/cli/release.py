@@ -4,21 +4,20 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from rorg.cli.context import Context
 from rorg.cli.operations import confirmed, operating
-from rorg.cli.options import REQUESTS, SERVICES, Argument, Option, Output, StateDirectory, Yes
+from rorg.cli.options import REQUESTS, SERVICES, Argument, Option, Output, Robot, Yes
 from rorg.cli.output import note, print_rows
 from rorg.errors import Invalid
 
 
 def command(
+    context: Robot,
     id: Annotated[str, Argument("Id of the request.", completes=REQUESTS)],
     requester: Annotated[
         str, Option("Its requester, if several use the same id.", names=("--as",), completes=SERVICES)
     ] = "",
     yes: Yes = False,
     output: Output = "table",
-    state_dir: StateDirectory = None,
 ) -> None:
     """End a request. Releasing twice is fine. Ask first if a driver in the request would stop, or if a service
     still uses what the request asked for.
@@ -27,7 +26,7 @@ def command(
     """
     from functools import partial
 
-    robot = operating(Context(state_dir, None))
+    robot = operating(context)
     found = sorted({r["requester"] for r in robot.requests(id) if requester in ("", r["requester"])})
     if len(found) > 1:
         raise Invalid(f"release '{id}'", f"{' and '.join(found)} have a request with that id", "--as REQUESTER")

@@ -6,9 +6,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from rorg_client import check_id
 
-from rorg.cli.context import Context
 from rorg.cli.operations import Served, operating
-from rorg.cli.options import EngineName, Option, Output, ServiceNames, StateDirectory, Timeout, Wait, duration
+from rorg.cli.options import (
+    Option,
+    Output,
+    RobotEngine,
+    ServiceNames,
+    Timeout,
+    Wait,
+    duration,
+)
 from rorg.cli.output import note, print_rows
 from rorg.errors import Invalid
 from rorg.model.units import format_duration
@@ -18,6 +25,7 @@ if TYPE_CHECKING:
 
 
 def command(
+    context: RobotEngine,
     services: ServiceNames,
     requester: Annotated[str, Option("The service that asks.", names=("--as",))] = "developer",
     id: Annotated[
@@ -36,8 +44,6 @@ def command(
     wait: Wait = False,
     rollback: Annotated[bool, Option("With --wait: withdraw the request if waiting fails, or on Ctrl-C.")] = False,
     timeout: Timeout = 60.0,
-    state_dir: StateDirectory = None,
-    engine: EngineName = None,
 ) -> None:
     """Request services. They run, with everything they need, until the request is released.
 
@@ -49,7 +55,7 @@ def command(
     if rollback and not wait:
         raise Invalid("request", "--rollback needs --wait", "adding --wait")
     chosen = list(dict.fromkeys(services))
-    name, robot = id or chosen[0], operating(Context(state_dir, engine))
+    name, robot = id or chosen[0], operating(context)
     check_id(name)
     if wait:
         robot.check_wait(f"wait for {', '.join(chosen)}")

@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-from rorg.cli.context import Context
 from rorg.cli.operations import confirmed, operating
-from rorg.cli.options import EngineName, Output, ServiceName, StateDirectory, Timeout, Wait, Yes
+from rorg.cli.options import Output, RobotEngine, ServiceName, Timeout, Wait, Yes
 from rorg.cli.output import print_rows
 
 
 def command(
+    context: RobotEngine,
     service: ServiceName,
     yes: Yes = False,
     wait: Wait = False,
     timeout: Timeout = 60.0,
     output: Output = "table",
-    state_dir: StateDirectory = None,
-    engine: EngineName = None,
 ) -> None:
     """Stop and start an active service, or each one of a group. Ask first if that stops a driver or other services.
 
     Example: rorg restart navigation --wait --timeout 30s
     """
-    robot = operating(Context(state_dir, engine))
+    robot = operating(context)
     if wait:
         robot.check_wait(f"wait for {service}")
     names = confirmed(lambda force: robot.restart(service, force), yes, "Restart")

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import time
-from pathlib import Path
 from typing import Annotated, Any
 
 from rorg.cli.apply import agree
-from rorg.cli.context import Context
 from rorg.cli.differences import Differences
-from rorg.cli.options import EngineName, ManifestsDirectory, Option, StateDirectory, Timeout, Wait, Yes
+from rorg.cli.options import Option, Timeout, Tree, Wait, Yes
 from rorg.cli.output import note
 from rorg.errors import Invalid
 
 
 def command(
+    context: Tree,
     at: Annotated[
         str,
         Option(
@@ -24,9 +23,6 @@ def command(
     yes: Yes = False,
     wait: Wait = False,
     timeout: Timeout = 300.0,
-    directory: ManifestsDirectory = None,
-    state_dir: StateDirectory = None,
-    engine: EngineName = None,
 ) -> None:
     """Bring the robot back to an earlier time: its manifests, as `rorg rollback` does, and the requests that people
     had made.
@@ -38,7 +34,6 @@ def command(
 
     if not at:
         raise Invalid("restore", "no time is named", "`rorg restore --at 10m`")
-    context = Context(state_dir, engine, Path(directory) if directory else None, local=True)
     root = tree_of(context)
     moment, goal = moment_of(at, Known(context), root, time.time())
     all_committed(root, context.robot)

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Any
 
 from rorg.cli.apply import agree
-from rorg.cli.context import Context
 from rorg.cli.differences import Differences
 from rorg.cli.options import (
     SERVICES,
     Argument,
-    EngineName,
-    ManifestsDirectory,
     Option,
-    StateDirectory,
     Timeout,
+    Tree,
     Wait,
     Yes,
 )
@@ -23,6 +19,7 @@ from rorg.cli.output import echo, note
 
 
 def command(
+    context: Tree,
     revision: Annotated[
         str, Argument("REV: a number from `rorg history`, or a commit as in git. Default: the last good one.")
     ] = "",
@@ -31,9 +28,6 @@ def command(
     yes: Yes = False,
     wait: Wait = False,
     timeout: Timeout = 300.0,
-    directory: ManifestsDirectory = None,
-    state_dir: StateDirectory = None,
-    engine: EngineName = None,
 ) -> None:
     """Return to revision REV: show the plan, ask, commit the manifests and image sources of REV, and carry it out.
 
@@ -41,7 +35,6 @@ def command(
     """
     from rorg.cli.revert import Known, all_committed, go_back, goal_of, is_copy, restoring, tree_of
 
-    context = Context(state_dir, engine, Path(directory) if directory else None, local=True)
     root = tree_of(context)
     goal = goal_of(revision, Known(context), root)
     if printed:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 from rorg_client import Error
 
 from rorg.cli.context import Context
-from rorg.cli.options import DIRECTORIES, FILES, Directory, EngineName, Option, OwnStateDirectory, duration
+from rorg.cli.options import DIRECTORIES, FILES, Option, RunTree, duration
 from rorg.cli.output import note
 from rorg.cli.terminal import entry
 from rorg.errors import Invalid
@@ -35,9 +35,7 @@ Pem = Annotated[Path | None, Option("PEM file, for --listen.", show_default=Fals
 
 
 def command(
-    directory: Directory = None,
-    state_dir: OwnStateDirectory = None,
-    engine: EngineName = None,
+    context: RunTree,
     group: Annotated[
         str, Option("Members of this group (name or number) may do everything through the socket.", envvar="RORG_GROUP")
     ] = GROUP,
@@ -77,10 +75,10 @@ def command(
     from rorg.store.clear import clear
 
     share_heap()
-    context = Context(state_dir, engine, directory, local=True, own=True)
     if not git and _brought_up(context):
         return
-    repository = followed(context.directory or context.root if committed else directory, git, path, committed, signers)
+    directory = context.directory or (context.root if committed else None)
+    repository = followed(directory, git, path, committed, signers)
     _check(None if repository else context.root, group)
     tcp = _tcp(listen, (tls_cert, tls_key, tls_ca, tls_revoked)) if listen else None
     context.state.acquire("rorg run")

@@ -13,9 +13,8 @@ from typing import Annotated, Any
 
 from rorg_client import Error as ClientError
 
-from rorg.cli.context import Context
 from rorg.cli.operations import watched
-from rorg.cli.options import Option, Rest, ServiceNames, StateDirectory, Timeout
+from rorg.cli.options import Option, Rest, Robot, ServiceNames, Timeout
 from rorg.cli.output import note
 from rorg.errors import Invalid
 
@@ -25,6 +24,7 @@ TYPED = (signal.SIGINT, signal.SIGQUIT)
 
 
 def command(
+    context: Robot,
     services: ServiceNames,
     program: Rest,
     no_wait: Annotated[bool, Option("Start the command immediately, without waiting.")] = False,
@@ -32,7 +32,6 @@ def command(
     requester: Annotated[str, Option("The service that asks.", names=("--as",))] = "developer",
     reason: Annotated[str, Option("Why; shown by `rorg why`. Default: the program's name.")] = "",
     priority: Annotated[int | None, Option("As in `rorg request`.", least=0, most=100)] = None,
-    state_dir: StateDirectory = None,
 ) -> None:
     """Request services for as long as a command runs.
 
@@ -41,7 +40,7 @@ def command(
 
     Example: rorg run-with navigation -- rosbag record /tf
     """
-    client = Context(state_dir, None).serving(f"run with {', '.join(services)}")
+    client = context.serving(f"run with {', '.join(services)}")
     if shutil.which(program[0]) is None:
         raise Invalid(f"run {program[0]}", "no such program", "its path")
     reason = reason or f"runs {os.path.basename(program[0])}"

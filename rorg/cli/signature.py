@@ -6,9 +6,20 @@ import os
 import types
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
 
-from rorg.cli.options import DIRECTORY, MANIFESTS, ROBOT, SOCKET, STATE_DIR, Argument, Option
+from rorg.cli.context import ROBOT as ROBOT_VARIABLE
+from rorg.cli.context import Context
+from rorg.cli.options import (
+    DIRECTORY,
+    MANIFESTS,
+    ROBOT,
+    SOCKET,
+    STATE_DIR,
+    Argument,
+    ContextOptions,
+    Option,
+)
 from rorg.errors import Invalid
 
 
@@ -35,33 +46,42 @@ class Parameter(NamedTuple):
 
 
 def parameters(command: Callable[..., Any]) -> tuple[Parameter, ...]:
-    """The parameters of a command, in order."""
+    """What a command line may give a command: the parameters of its function in order, then those of its context."""
     # Not inspect.signature: its import takes a tenth of a short command.
-    code, defaults = command.__code__, command.__defaults__ or ()
-    names = code.co_varnames[: code.co_argcount]
+    names = command.__code__.co_varnames[: command.__code__.co_argcount]
     hints = get_type_hints(command, include_extras=True)
-    first = len(names) - len(defaults)
-    found = tuple(
-        _parameter(name, hints[name], i < first, None if i < first else defaults[i - first])
-        for i, name in enumerate(names)
-    )
-    robot = (_ROBOT,) if any(p.declared in (DIRECTORY, MANIFESTS) for p in found) else ()
-    socket = (_SOCKET,) if any(p.declared is STATE_DIR for p in found) else ()
-    return (*found, *robot, *socket)
+    contexts = _contexts(hints)
+    defaults = dict(zip(reversed(names), reversed(command.__defaults__ or ()), strict=False))
+    own = [name for name in names if name not in contexts]
+    found = [_parameter(name, hints[name], name not in defaults, defaults.get(name)) for name in own]
+    found += [_parameter(name, hint) for options in contexts.values() for name, hint in options.hints.items()]
+    if any(p.declared in (DIRECTORY, MANIFESTS) for p in found):
+        found.append(_ROBOT)
+    if any(p.declared is STATE_DIR for p in found):
+        found.append(_SOCKET)
+    return tuple(found)
 
 
 def call(command: Callable[..., Any], values: dict[str, Any]) -> None:
-    """Calls a command with its values. `--socket` and `--robot` go into the environment, for everything that looks for
-    rorg or reads manifests, and for programs that the command starts. Raises Invalid if two places are given."""
-    robot = values.pop(_ROBOT.name, None)
-    if robot:
-        os.environ["RORG_ROBOT"] = robot
-    socket = values.pop(_SOCKET.name, None)
-    if socket:
+    """Calls a command with its values, and its context made of theirs. `--socket` and `--robot` go into the
+    environment, for everything that looks for rorg or reads manifests, and for programs that the command starts. Raises
+    Invalid if two places are given."""
+    if robot := values.pop(_ROBOT.name, None):
+        os.environ[ROBOT_VARIABLE] = robot
+    if socket := values.pop(_SOCKET.name, None):
         if values.get("state_dir"):
             raise Invalid("look in two places", "--socket and --state-dir each name one", "one of them")
         os.environ["RORG_SOCKET"] = str(socket)
+    for name, options in _contexts(get_type_hints(command, include_extras=True)).items():
+        given = {option: values.pop(option) for option in options.hints}
+        values[name] = Context(**given, local=options.local, own=options.own)
     command(**values)
+
+
+def _contexts(hints: dict[str, Any]) -> dict[str, ContextOptions]:
+    """The parameter that takes a command's context, if one does."""
+    declared = {name: get_args(hint)[-1] for name, hint in hints.items() if get_args(hint)}
+    return {name: options for name, options in declared.items() if isinstance(options, ContextOptions)}
 
 
 def parted(declared: Sequence[Parameter], words: Sequence[str]) -> tuple[list[str], dict[str, list[str]]]:
@@ -73,7 +93,7 @@ def parted(declared: Sequence[Parameter], words: Sequence[str]) -> tuple[list[st
     return list(words[:end]), {rest: list(words[end + 1 :])}
 
 
-def _parameter(name: str, hint: Any, required: bool, default: Any) -> Parameter:
+def _parameter(name: str, hint: Any, required: bool = False, default: Any = None) -> Parameter:
     plain, declared = get_args(hint)
     single = next(a for a in get_args(plain) if a is not type(None)) if isinstance(plain, types.UnionType) else plain
     many = get_origin(single) is list
@@ -90,8 +110,6 @@ def _parameter(name: str, hint: Any, required: bool, default: Any) -> Parameter:
     )
 
 
-_SOCKET = Parameter(
-    name="socket", declared=SOCKET, hint=Path | None, type=Path, many=False, required=False, default=None
-)
-_ROBOT = Parameter(name="robot", declared=ROBOT, hint=str | None, type=str, many=False, required=False, default=None)
+_SOCKET = _parameter("socket", Annotated[Path | None, SOCKET])
+_ROBOT = _parameter("robot", Annotated[str | None, ROBOT])
 """Parameters that commands have without declaring them."""

@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from rorg_client import NotFound
 
-from rorg.cli.context import Context
 from rorg.cli.operations import Served, operating
-from rorg.cli.options import REQUESTS, SERVICES, Argument, Option, Output, StateDirectory, Yes
+from rorg.cli.options import REQUESTS, SERVICES, Argument, Option, Output, Robot, Yes
 from rorg.cli.release import command as release
 from rorg.errors import Missing, StillWanted
 
@@ -19,24 +18,24 @@ if TYPE_CHECKING:
 
 
 def command(
+    context: Robot,
     id: Annotated[str, Argument("Id of the request.", completes=REQUESTS)],
     requester: Annotated[
         str, Option("Its requester, if several use the same id.", names=("--as",), completes=SERVICES)
     ] = "",
     yes: Yes = False,
     output: Output = "table",
-    state_dir: StateDirectory = None,
 ) -> None:
     """End a request, as `rorg release` does. Exits 1 if a service of this name is still wanted after that, and says who
     holds it.
 
     Example: rorg stop navigation
     """
-    robot = operating(Context(state_dir, None))
+    robot = operating(context)
     if robot.requests(id):
-        release(id, requester, yes, output, state_dir)
+        release(context, id, requester, yes, output)
     elif not (known := _known(robot, id)) or not any(one["wanted"] for one in known):
-        release(id, requester, yes, output, state_dir)
+        release(context, id, requester, yes, output)
         return
     for one in _known(robot, id):
         if one["wanted"]:

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from rorg.cli.context import Context
 from rorg.cli.operations import operating
-from rorg.cli.options import End, For, Output, Reason, StateDirectory
+from rorg.cli.options import End, For, Output, Reason, Robot
 from rorg.cli.output import print_rows
 from rorg.errors import Invalid
 from rorg.model.units import format_duration, format_seconds
 
 
 def command(
+    context: Robot,
     duration: For = None,
     reason: Reason = "",
     end: End = False,
     output: Output = "table",
-    state_dir: StateDirectory = None,
 ) -> None:
     """Change nothing for a time, even if services are requested. rorg still shows what it would do.
 
@@ -25,7 +24,7 @@ def command(
         raise Invalid("suspend", "a suspension needs a duration", "--for 10m")
     if end and duration:
         raise Invalid("suspend", "--for and --end contradict each other", "one of them")
-    robot = operating(Context(state_dir, None))
+    robot = operating(context)
     robot.suspend(None if end else {"duration": format_duration(duration or 0.0), "reason": reason})
     text = "no longer suspended" if end else f"suspended for {format_seconds(duration or 0.0)}"
     found = {"suspended": not end, "seconds": None if end else duration, "reason": reason}

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Annotated, Any
 
-from rorg.cli.context import Context
-from rorg.cli.options import SERVICES, Argument, Option, Output, StateDirectory, moment
+from rorg.cli.options import SERVICES, Argument, Option, Output, Robot, moment
 from rorg.cli.output import echo, print_rows
 from rorg.cli.records import records_of
 from rorg.cli.terminal import printable
@@ -21,6 +20,7 @@ LEAST = 20
 
 
 def command(
+    context: Robot,
     service: Annotated[str, Argument("A service, also one that no longer exists.", completes=SERVICES)],
     since: Annotated[
         str | None, Option("Start: 10m (ago), or 2026-01-31T12:00:00Z. Default: 24h.", parser=moment)
@@ -30,14 +30,13 @@ def command(
         int, Option("How many of the last states to list below the chart.", names=("-n", "--tail"), least=0)
     ] = 20,
     output: Output = "table",
-    state_dir: StateDirectory = None,
 ) -> None:
     """Show the states of a service over time, why each began, and who asked for it: a chart, and the last states.
 
     Example: rorg timeline navigation --since 1h
     """
     begin, end = since or moment(DAY), until or moment(NOW)
-    with records_of(Context(state_dir, None)) as records:
+    with records_of(context) as records:
         found = records.timeline(service, begin, end)
     if not found["spans"]:
         raise Missing(f"show what {service} went through", "nothing is on record of it", "`rorg get` for all names")

@@ -8,23 +8,22 @@ import time
 from typing import Annotated
 
 from rorg.cli.context import Context
-from rorg.cli.options import Option, Output, StateDirectory, duration
+from rorg.cli.options import Option, Output, Robot, duration
 from rorg.cli.output import print_rows, table
 from rorg.cli.top_view import COLUMNS, cells_of, header, look
 
 
 def command(
+    context: Robot,
     once: Annotated[bool, Option("Print one table and exit.")] = False,
     interval: Annotated[float, Option("Time between updates: 500ms, 2s.", parser=duration, least=0.2)] = 1.0,
     output: Output = "table",
-    state_dir: StateDirectory = None,
 ) -> None:
     """Show what runs, what it uses and who asked for it, and the machine with its pressure and budget. On a
     terminal, keys sort, filter, show logs, request, release and restart; ? lists them, q quits.
 
     Example: rorg top --interval 2s
     """
-    context = Context(state_dir, None)
     screen = sys.stdout.isatty() and sys.stdin.isatty() and os.environ.get("TERM", "dumb") != "dumb"
     if once or output != "table" or not screen:
         _print(context, output, min(interval, 0.5))

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from rorg.cli.context import Context
-from rorg.cli.options import FILES, Argument, Option, Output, StateDirectory, duration, moment
+from rorg.cli.options import FILES, Argument, Option, Output, Robot, duration, moment
 from rorg.cli.output import echo, note, print_rows
 from rorg.cli.records import records_of
 from rorg.errors import Invalid
@@ -24,6 +24,7 @@ PARTS = 1000.0
 
 
 def command(
+    context: Robot,
     action: Annotated[str, Argument("generate, record, or show FILE.", choices=ACTIONS)],
     trace: Annotated[Path | None, Argument("For show: the file of a trace.", completes=FILES)] = None,
     length: Annotated[
@@ -50,7 +51,6 @@ def command(
         ),
     ] = None,
     output: Output = "table",
-    state_dir: StateDirectory = None,
 ) -> None:
     """Make traces of requests for `rorg simulate` and `rorg emulate`: generate a day of the tour guide, record the
     requests of this robot, or show a trace.
@@ -63,7 +63,7 @@ def command(
     if trace is not None:
         _show(trace, output)
     elif action == "record":
-        _write(_recorded(since or moment("24h"), until or moment("0s"), _name(file, "recorded"), state_dir), file)
+        _write(_recorded(since or moment("24h"), until or moment("0s"), _name(file, "recorded"), context), file)
     else:
         _write(_generated(length, greetings, tours, seed, _name(file, "tour-guide")), file)
 
@@ -81,10 +81,10 @@ def _generated(length: float, greetings: int | None, tours: int | None, seed: in
     return generate_day(length, met, min(met, round(TOURS * hours)) if tours is None else tours, seed, name=name)
 
 
-def _recorded(since: str, until: str, name: str, state_dir: Path | None) -> Trace:
+def _recorded(since: str, until: str, name: str, context: Context) -> Trace:
     from rorg.model.trace import Trace, TraceEvent
 
-    with records_of(Context(state_dir, None)) as records:
+    with records_of(context) as records:
         found = records.requested(since, until)
     if found["unknown"]:
         note(f"{counted(found['unknown'], 'request')} left out: an earlier rorg did not record what they name")

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from rorg.cli.context import Context
 from rorg.cli.operations import operating
-from rorg.cli.options import Output, ServiceNames, StateDirectory, Timeout
+from rorg.cli.options import Output, Robot, ServiceNames, Timeout
 from rorg.cli.output import print_rows
 
 
-def command(
-    services: ServiceNames, timeout: Timeout = 60.0, output: Output = "table", state_dir: StateDirectory = None
-) -> None:
+def command(context: Robot, services: ServiceNames, timeout: Timeout = 60.0, output: Output = "table") -> None:
     """Return when services and everything they need are ready. Exit 4 with the reason if they do not become ready.
 
     Example: rorg wait navigation --timeout 30s
     """
-    robot = operating(Context(state_dir, None))
+    robot = operating(context)
     robot.check_wait(f"wait for {', '.join(services)}")
     robot.wait(services, timeout)
     rows = [{"service": name, "ready": True} for name in services]

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from rorg.cli.context import Context
 from rorg.cli.operations import operating
-from rorg.cli.options import EngineName, Output, ServiceName, StateDirectory
+from rorg.cli.options import Output, RobotEngine, ServiceName
 from rorg.cli.output import print_rows
 from rorg.cli.terminal import printable
 
@@ -14,15 +13,13 @@ if TYPE_CHECKING:
     from rorg_client.types import RequestView, Why
 
 
-def command(
-    service: ServiceName, state_dir: StateDirectory = None, engine: EngineName = None, output: Output = "table"
-) -> None:
+def command(context: RobotEngine, service: ServiceName, output: Output = "table") -> None:
     """Show why a service is active, as the chain of requests and needs that leads to it, or why it is not.
 
     Example: rorg why navigation
     """
     # The running rorg answers even if the manifests on the disk have mistakes.
-    found = operating(Context(state_dir, engine)).why(service)
+    found = operating(context).why(service)
     rows = [
         {**e, "waits": "; ".join(e["waits"]), "because": " < ".join(c["service"] for c in e["chain"])} for e in found
     ]
