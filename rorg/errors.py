@@ -1,6 +1,6 @@
 """The errors of rorg and the table of exit codes.
 
-Every message reads "cannot X: why; try Y", so that the reader knows what to do next.
+Every message reads "cannot X: why; try Y" or "cannot X: why; do Y", so that the reader knows what to do next.
 """
 
 from __future__ import annotations
@@ -29,14 +29,20 @@ class Exit(IntEnum):
     """A bug in rorg; an uncaught exception never exits 1."""
 
 
+def advice(remedy: str) -> str:
+    """The end of a message: "; try X" for a remedy such as a command or a name, and "; fix it" for "to fix it"; empty
+    without one."""
+    return ("; " + remedy.removeprefix("to ") if remedy.startswith("to ") else f"; try {remedy}") if remedy else ""
+
+
 class RorgError(Exception):
-    """An error that a person can fix: `cannot {what}: {why}; try {remedy}`."""
+    """An error that a person can fix: `cannot {what}: {why}`, and the advice to do so."""
 
     code = Exit.USAGE
 
     def __init__(self, what: str, why: str, remedy: str = "") -> None:
         self.what, self.why, self.remedy = what, why, remedy
-        super().__init__(f"cannot {what}: {why}" + (f"; try {remedy}" if remedy else ""))
+        super().__init__(f"cannot {what}: {why}{advice(remedy)}")
 
 
 class Invalid(RorgError):

@@ -93,7 +93,7 @@ def test_contexts_are_part_of_the_identity_and_caches_are_not(tmp_path):
 
 
 WRONG = [
-    ("maps: ../../mpas", "additional_contexts.maps: no directory FOLDER/mpas; try creating it, or "),
+    ("maps: ../../mpas", "additional_contexts.maps: no directory FOLDER/mpas; create it, or use "),
     ("maps: 'service:toolng'", "'service:toolng' is not a service with an image; try 'tooling'"),
     ("maps: https://example.org/maps.git", "cannot build from 'https://example.org/maps.git' on any engine; try ./dir"),
     ("maps: 'docker-image://Not/Good'", "'Not/Good' is not an image reference"),

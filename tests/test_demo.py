@@ -85,6 +85,6 @@ def test_demo_without_git(tmp_path):
     assert process.returncode == 2, output
     assert (
         output.splitlines()[-1]
-        == "rorg: cannot run the demo: git is not installed here; try installing git, or adding it to PATH"
+        == "rorg: cannot run the demo: git is not installed here; install git, or add it to PATH"
     )
     assert left_behind(tmp_path, "rorg-demo-") == []

@@ -34,7 +34,7 @@ WRONG = [
     ({"answers": False}, "rorg", ERROR, "journalctl -u rorg"),
     ({"answers": False, "running": 0}, "rorg", WARNING, "rorg run"),
     ({"socket_error": "you are not in the group rorg"}, "rorg", ERROR, "group"),
-    ({"git_version": ""}, "git", WARNING, "installing git"),
+    ({"git_version": ""}, "git", WARNING, "install git"),
     ({"git_refusal": "git does not trust it; try `git config`"}, "git", WARNING, "`git config`"),
     ({"clock_synchronized": False}, "clock", WARNING, "set-ntp"),
     ({"spaces": (Space("/", 1 << 30, 100 << 30),)}, "disk /", WARNING, "rorg image prune"),

@@ -16,6 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from robots import RealRobot
 
+from rorg.errors import advice
 from rorg.manifest.load import load
 from rorg.manifest.validation import idle, texts
 from rorg.manifest.validation.codes import CODES
@@ -37,7 +38,7 @@ def test_a_mistake_is_found_at_its_place_with_its_code_and_remedy(case, tmp_path
     mine = [{"at": str(d.where), "severity": d.severity, "remedy": d.remedy} for d in found if d.code == code]
     assert mine == said["expect"] != []
     assert {d.code or d.message for d in found if d.code != code} == set(said.get("beside", ()))
-    assert all(str(d).endswith(f"; try {d.remedy} [{d.code}]") for d in found if d.code == code)
+    assert all(str(d).endswith(f"{advice(d.remedy)} [{d.code}]") for d in found if d.code == code)
 
 
 def test_what_does_the_same_without_the_mistake_is_not_told(case, tmp_path, monkeypatch):
@@ -125,7 +126,7 @@ def test_json_and_sarif_tell_code_place_and_remedy(tmp_path):
     assert (region["startLine"], region["startColumn"]) == (found["line"], found["column"]) == (6, 27)
     assert place["physicalLocation"]["artifactLocation"]["uri"] == found["file"] == "services/arm.yaml"
     assert result["level"] == rule["defaultConfiguration"]["level"] == found["severity"] == "warning"
-    assert result["message"]["text"] == f"{found['message']}; try {found['remedy']}"
+    assert result["message"]["text"] == f"{found['message']}{advice(found['remedy'])}"
 
 
 def test_diff_tells_warnings_with_and_without_a_running_rorg(tmp_path):

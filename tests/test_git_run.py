@@ -130,7 +130,7 @@ def test_apply_looks_at_once_and_edits_are_refused(robot):
     assert robot.client().service("camera")["state"] == "running"
     text = robot.client().manifest("Service", "arm")
     base = next(m["digest"] for m in robot.client().manifests() if m["name"] == "arm")
-    with pytest.raises(Refused, match=r"manifests are those of .*far.git@main, robot; try committing there"):
+    with pytest.raises(Refused, match=r"manifests are those of .*far.git@main, robot; commit there"):
         robot.client().put_manifest("Service", "arm", text + "  priority: 3\n", base)
     robot.stop()
     assert "they are those of a repository" in rorg(robot, "edit", "arm", code=5)

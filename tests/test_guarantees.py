@@ -197,7 +197,7 @@ def test_a_broken_edit_of_the_requests_file_keeps_the_last_good_one(real_robot):
     robot.state.requests.write_text(text + "- oops: [\n")
     robot.wait(lambda: any("requests.yaml" in line and "stay in force" in line for line in robot.lines))
     assert robot.active() == {"camera"}
-    with pytest.raises(Exception, match="fixing the file"):
+    with pytest.raises(Exception, match="fix the file"):
         robot.request("camera", id="other")
     robot.state.requests.write_text("requests: []\n")
     robot.wait(lambda: not robot.active())

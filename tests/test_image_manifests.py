@@ -62,7 +62,7 @@ def test_a_file_of_another_name_is_told(tmp_path):
     (tmp_path / "tree/images/lab-nav-1.2.yaml").rename(tmp_path / "tree/images/nav-1.3.yaml")
     assert told(tmp_path, load(tmp_path / "tree")) == [
         "tree/images/nav-1.3.yaml:3:18: warning: the Image 'lab/nav:1.2' is in a file called 'nav-1.3.yaml'; "
-        "try 'nav-1.3', or renaming the file"
+        "try 'nav-1.3', or rename the file"
     ]
 
 

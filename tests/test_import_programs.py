@@ -86,7 +86,7 @@ def test_a_unit_is_a_service_that_says_the_same(tmp_path):
     told = [str(d) for d in imported.diagnostics]
     assert told == [
         "nav.service:4:1: note: network-online.target: not imported, so not in needs",
-        "nav.service:14:1: note: RestartSec is not carried over; try leaving it out: delays grow automatically",
+        "nav.service:14:1: note: RestartSec is not carried over; leave it out: delays grow automatically",
         "nav.service:23:1: note: WatchdogSec is not carried over; try a `live` probe",
     ]
     assert "# WatchdogSec is not carried over" in imported.texts["services/nav.yaml"]

@@ -145,7 +145,7 @@ WRONG = [
     ),
     (
         "pid: 'service:back'",
-        "services need each other: back -> it -> back; try dropping one of these needs",
+        "services need each other: back -> it -> back; drop one of these needs",
     ),
     (
         "volumes_from: [base, elsewhere]",
@@ -154,7 +154,7 @@ WRONG = [
     ),
     (
         "network_mode: 'service:base', hostname: it",
-        "6:55: error: hostname is not for a container that uses another container's network; try declaring it there",
+        "6:55: error: hostname is not for a container that uses another container's network; declare it there",
     ),
 ]
 

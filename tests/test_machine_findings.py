@@ -52,10 +52,10 @@ CASES = [
         "8:15",
         "chown 1000 /data/logs, or :ro",
     ),
-    ("port-in-use", WEB, {"ports": {8080: "nginx"}}, "8:13", "another port, or ending that program"),
+    ("port-in-use", WEB, {"ports": {8080: "nginx"}}, "8:13", "another port, or end that program"),
     ("gpu-without-runtime", GPU, {"runtimes": frozenset({"runc"})}, "6:21", "the NVIDIA container toolkit"),
-    ("missing-runtime", KATA, {"runtimes": frozenset({"runc"})}, "6:24", "installing it, or another runtime"),
-    ("cgroup-version", CGROUP, {"cgroup": 2}, "6:31", "dropping it"),
+    ("missing-runtime", KATA, {"runtimes": frozenset({"runc"})}, "6:24", "to install it, or use another runtime"),
+    ("cgroup-version", CGROUP, {"cgroup": 2}, "6:31", "to drop it"),
     (
         "limit-above-kernel",
         NOFILE,

@@ -110,12 +110,12 @@ def test_containers_have_nothing_of_it(tree):
 
 
 CANNOT = [
-    ({"working_dir": "/no/such/place"}, "no directory /no/such/place", "creating it"),
+    ({"working_dir": "/no/such/place"}, "no directory /no/such/place", "to create it"),
     ({"command": ["no-such-program"]}, "no program 'no-such-program' on this machine", "`rorg build`"),
-    ({"command": ["./nothing.sh"]}, "no program {folder}/nothing.sh", "creating it"),
-    ({"command": ["/opt/nothing"]}, "no program /opt/nothing", "creating it"),
+    ({"command": ["./nothing.sh"]}, "no program {folder}/nothing.sh", "to create it"),
+    ({"command": ["/opt/nothing"]}, "no program /opt/nothing", "to create it"),
     ({"command": ["./plain.sh"]}, "{folder}/plain.sh is not executable", "chmod +x"),
-    ({"command": ["./lost.sh"]}, "is a script for /no/python, which is not installed", "installing that"),
+    ({"command": ["./lost.sh"]}, "is a script for /no/python, which is not installed", "to install that"),
     ({"command": []}, "no program is named", "`rorg build`"),
 ]
 

@@ -42,7 +42,7 @@ def findings() -> str:
         text += f"\n## {family}\n"
         for name, code in codes.items():
             seen = ", on this machine" if code.machine else ""
-            text += f"\n### {name}\n\n**{code.severity}**{seen}: {code.cause} Try {code.remedy}.\n"
+            text += f"\n### {name}\n\n**{code.severity}**{seen}: {code.cause} {code.advice}.\n"
             path = CASES / f"{name}.yaml"
             text += _example(yaml.safe_load(path.read_text(encoding="utf-8"))) if path.exists() else ""
     return text

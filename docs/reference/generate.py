@@ -76,9 +76,9 @@ ABOUT_API = """# API
 
 The API is HTTP/1.1 with JSON on the unix socket `/run/rorg/rorg.sock`. Its OpenAPI document is
 [`schemas/openapi.json`](../../schemas/openapi.json). Errors are `application/problem+json` (RFC 9457) with `code`,
-`cause` and `remedy`. The codes are forbidden (403), not-found (404), refused (409), too-large (413), invalid (400,
-422), too-many-requests (429, with Retry-After), unreachable (503: rorg has just started) and not-ready (504). See also
-the [limits](#limits).
+`cause` and `remedy`: something to try, or `to ...` for an instruction. The codes are forbidden (403), not-found (404),
+refused (409), too-large (413), invalid (400, 422), too-many-requests (429, with Retry-After), unreachable (503: rorg
+has just started) and not-ready (504). See also the [limits](#limits).
 
 """
 

@@ -97,7 +97,7 @@ def _errors(app: FastAPI) -> None:
             "internal",
             f"cannot {request.method} {request.url.path}",
             f"{type(error).__name__}: {error}",
-            "reporting this bug",
+            "to report this bug",
         )
 
     app.add_middleware(_Bounded)

@@ -47,7 +47,7 @@ def put_request(current: Current, request: Request) -> Change:
         _refuse(request, problems(catalog, document.requests, request))
         full = no_room(document, request)
         if full:
-            raise Refused(f"accept another request of {request.requester}", full, "releasing some, or naming groups")
+            raise Refused(f"accept another request of {request.requester}", full, "to release some, or name groups")
         return document.put(request)
 
     told = f"request '{request.id}' of {request.requester}: {', '.join(request.services)}"
@@ -97,7 +97,7 @@ def restart(current: Current, name: str, force: bool, now: float) -> Change:
 def _ask(what: str, affected: Affected) -> None:
     """Raises Unconfirmed if a person should know who is affected."""
     if affected.names:
-        raise Unconfirmed(what, str(affected), "confirming it with force", affected.names)
+        raise Unconfirmed(what, str(affected), "to confirm it with force", affected.names)
 
 
 def retry(current: Current, body: RetryBody, now: float) -> Change:

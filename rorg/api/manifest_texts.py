@@ -79,6 +79,6 @@ def restored(before: str, text: str, masker: Masker, what: str) -> str:
         meant = {hidden[index][1]} if whole else {b for s, b in hidden if s == line}
         if len(meant) != 1:
             why = f"in line {number + 1}, {MASK} stands for a secret that is not shown"
-            raise Invalid(what, why, "writing its value there, or leaving the line as it was")
+            raise Invalid(what, why, "to write its value there, or leave the line as it was")
         lines[number] = lines[number].replace(line, meant.pop(), 1)
     return "\n".join(lines)

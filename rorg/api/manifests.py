@@ -89,7 +89,7 @@ class Manifests:
                     raise Refused(
                         f"write the {kind} '{name}'",
                         f"{path.relative_to(self.root)} declares something else",
-                        "renaming that file after what it declares",
+                        "to rename that file after what it declares",
                     )
             check_name(kind, name, text)
             self._check(caller, kind, name, path, before, text)
@@ -124,7 +124,7 @@ class Manifests:
         source = self.tree.source
         if source is not None:
             shown = source.cache.followed.shown
-            raise Refused(what, f"the manifests are those of {shown}", "committing there, then `rorg apply`")
+            raise Refused(what, f"the manifests are those of {shown}", "to commit there, then `rorg apply`")
 
     def recover(self) -> None:
         """Finishes what a killed rorg had begun to change, in a thread: git may take some time, and other changes
@@ -167,7 +167,7 @@ class Manifests:
             change.carry_out(self.root, self.note, text)
         except OSError as error:
             raise Unreachable(
-                f"write {change.file}", error.strerror or str(error), "freeing space on the disk"
+                f"write {change.file}", error.strerror or str(error), "to free space on the disk"
             ) from error
         return self._told(change, f"{message} (by {change.author})")
 

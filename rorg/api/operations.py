@@ -240,7 +240,7 @@ class Operations:
             key, self.committer.file, lambda r: allow_request(caller, r.requester, r.services, catalog, r.priority)
         )
         if found is None:
-            raise Missing(f"renew '{key[1]}'", f"{key[0]} has no request of that id", "requesting again")
+            raise Missing(f"renew '{key[1]}'", f"{key[0]} has no request of that id", "to request it again")
         return request_json(found)
 
     def fetch(self, seconds: float) -> tuple[int, dict[str, Any]]:

@@ -99,7 +99,7 @@ def vet_rendered(
     """Compares the rights that a manifest at `path` gives to those of the service that writes it, to those that it gave
     before, and to those of the profiles that a person wrote for it. Raises Forbidden."""
     if after.catalog is None or after.sources is None:
-        raise Refused(f"change the Service '{name}'", "other manifests of the tree have errors", "asking a person")
+        raise Refused(f"change the Service '{name}'", "other manifests of the tree have errors", "to ask a person")
     known = before.read.services if before.read else {}
     manager, service = catalog.services[caller.service], after.catalog.services[name]
     others = [one for one in (known.get(caller.service), known.get(name)) if one]
@@ -113,7 +113,7 @@ def _refuse(caller: Caller, name: str, found: Collection[str]) -> None:
         raise Forbidden(
             f"change the Service '{name}'",
             f"{caller.service} may not give it {'; '.join([*found][:MOST_TOLD])}",
-            "a profile that a person writes, or asking a person",
+            "to ask a person, or use a profile that a person writes",
         )
 
 

@@ -136,7 +136,7 @@ def _follows(context: Context, owner: dict[str, Any], shown: Differences) -> Non
             f"apply {context.root}",
             f"{owner.get('what')} (pid {owner.get('pid')}) owns this robot"
             + (f" and follows {followed}{f' for {robot}' if robot else ''}" if followed else ""),
-            "changing that tree, or stopping that program first",
+            "to change that tree, or stop that program first",
         )
 
 

@@ -109,7 +109,7 @@ def _print_results(called: Mapping[str, str], results: Sequence[Result], output:
         raise NotReady(
             "build all images",
             f"{len(failed)} of {len(results)} failed or were skipped: {', '.join(failed)}",
-            "fixing the first one, then `rorg build NAME`",
+            "to fix the first one, then `rorg build NAME`",
         )
     note(f"{len(results)} images are there")
 

@@ -15,7 +15,7 @@ from rorg_client import Error as ClientError
 from rorg.cli.output import Notices, note
 from rorg.cli.places import NAME, find, handshake, may_connect, nobody
 from rorg.cli.terminal import hide
-from rorg.errors import Invalid, NotReady, Unreachable
+from rorg.errors import Invalid, NotReady, Unreachable, advice
 from rorg.model.engines import DEFAULT_ENGINE, ENGINES
 from rorg.store.state_dir import read_json
 
@@ -107,7 +107,7 @@ class Context:
         if found is None:
             raise error
         at = time.strftime("%H:%M:%S", time.gmtime(os.stat(self.state.status).st_mtime))
-        self.notices.say(f"{error.why}; this is what it published at {at} UTC; try {error.remedy}")
+        self.notices.say(f"{error.why}; this is what it published at {at} UTC{advice(error.remedy)}")
         return found
 
     def _last_text(self, *keys: str) -> str:
@@ -294,7 +294,7 @@ def _views() -> Any:
 
 def bad_requests(path: Path, told: str) -> Invalid:
     """The error for the requests file; `told` may have its own remedy."""
-    return Invalid(f"read {path}", told, "" if "; try " in told else "fixing it")
+    return Invalid(f"read {path}", told, "" if "; try " in told else "to fix it")
 
 
 def known_engine(given: str | None) -> str:

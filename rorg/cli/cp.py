@@ -24,7 +24,7 @@ def command(context: RobotEngine, source: Place, target: Place) -> None:
             what, "one of the two must be SERVICE:PATH, the other a path of this machine", "`rorg cp SERVICE:/path .`"
         )
     if from_service and not Path(place).is_dir() and not Path(place).absolute().parent.is_dir():
-        raise Invalid(what, f"no directory {Path(place).parent}", "creating it first")
+        raise Invalid(what, f"no directory {Path(place).parent}", "to create it first")
     if to_service and not Path(origin).exists():
         raise Invalid(what, f"no such file: {origin}", "another path")
     container = container_of(context, from_service or to_service, what)

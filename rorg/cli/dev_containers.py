@@ -112,7 +112,7 @@ def _plugged(what: str, service: Service, spec: Spec) -> Spec:
     found = look(service.devices)
     for device, now in found.items():
         if now.problem:
-            raise Invalid(what, f"{device} {now.problem}", "plugging it in")
+            raise Invalid(what, f"{device} {now.problem}", "to plug it in")
     return given(spec, service, found)
 
 

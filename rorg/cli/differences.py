@@ -13,7 +13,7 @@ from rorg_client import Error as ClientError
 from rorg.cli.context import ROBOT, Context, bad_requests
 from rorg.cli.output import note
 from rorg.cli.terminal import hide, printable
-from rorg.errors import Invalid, Unreachable
+from rorg.errors import Invalid, Unreachable, advice
 from rorg.model.units import counted
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def differences(context: Context, unified: bool = False, rev: str = "") -> Diffe
         raise Invalid(
             f"use the manifests in {found['root']}",
             counted(len(found["errors"]), "error") + "\n" + "\n".join(line(d) for d in found["errors"]) + "\n",
-            "fixing them, then `rorg validate`",
+            "to fix them, then `rorg validate`",
         )
     if found["requests_errors"]:
         raise bad_requests(context.state.requests, found["requests_errors"][0])
@@ -122,10 +122,9 @@ def _told(context: Context, unified: bool, rev: str) -> dict[str, Any] | None:
 
 def line(error: dict[str, Any]) -> str:
     """One mistake in a tree, as the API reports it."""
-    tail = f"; try {error['remedy']}" if error["remedy"] else ""
-    tail += f" [{error['code']}]" if error.get("code") else ""
+    code = f" [{error['code']}]" if error.get("code") else ""
     place = f"{error['file']}:{error['line']}:{error['column']}"
-    return printable(f"{place}: {error['severity']}: {error['message']}{tail}")
+    return printable(f"{place}: {error['severity']}: {error['message']}{advice(error['remedy'])}{code}")
 
 
 def tree_of(context: Context) -> Tree:

@@ -186,7 +186,7 @@ class Alone:
                 raise Refused(what, "it was changed meanwhile", "`rorg edit` again")
             change.carry_out(self.root, self.state.prepare().manifest_change, text)
         except OSError as error:
-            raise Refused(what, f"{error.filename}: {error.strerror}", "checking that file") from error
+            raise Refused(what, f"{error.filename}: {error.strerror}", "to check that file") from error
 
 
 def _message(kind: str, name: str) -> str:

@@ -84,7 +84,7 @@ def _unknown(what: str, services: Any) -> Invalid:
     likely = next(filter(None, near if "." in what else reversed(near)), "")
     if services is None:
         why = "no field of that name, and no manifests with a service of that name"
-        return Invalid(f"explain '{what}'", why, likely or "naming the directory of manifests after it")
+        return Invalid(f"explain '{what}'", why, likely or "to name the directory of manifests after it")
     return Invalid(f"explain '{what}'", "no field or service of that name", likely or "rorg get")
 
 

@@ -150,7 +150,7 @@ def _refuse(imported: Imported, what: str, form: str) -> NoReturn:
     raise Invalid(
         f"import from {what}",
         f"{counted(len(imported.errors), 'error')}; nothing is written",
-        "`rorg import --help` for options that help, or editing the source",
+        "`rorg import --help` for options that help, or edit the source",
     )
 
 

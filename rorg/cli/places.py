@@ -38,7 +38,7 @@ class Place(NamedTuple):
         """The error for what needs more than the API."""
         if self.elsewhere:
             why = f"RORG_ADDRESS is {self.remote}, and this only works where rorg runs"
-            return Refused(what, why, "running it there, or unsetting RORG_ADDRESS")
+            return Refused(what, why, "to run it there, or unset RORG_ADDRESS")
         why = f"only the socket {self.remote} of rorg is known, and it cannot do this"
         return Refused(what, why, "as root, or with its --state-dir")
 
@@ -111,7 +111,7 @@ def nobody(what: str, state: StateDir) -> Unreachable:
     """The error if a running rorg is needed and there is none."""
     if not state.readable:
         why = f"you may not read {state.path}, and nothing serves at {state.run / NAME}"
-        return Unreachable(what, why, "as root, or naming another rorg with --socket or --state-dir")
+        return Unreachable(what, why, "to run it as root, or name another rorg with --socket or --state-dir")
     why = f"no rorg runs on {state.path}"
     return Unreachable(what, f"{why}; start one with `rorg run`, or name another with --state-dir")
 
@@ -164,7 +164,7 @@ def _silent(where: str, connection: socket.socket | None) -> Unreachable:
     who = f"rorg (pid {pid}) has not answered" if pid else "it has not answered"
     if pid and _stopped(pid):
         return Unreachable(f"reach rorg on {where}", f"{who} within {ANSWER:g} s: it is stopped", f"`kill -CONT {pid}`")
-    return Unreachable(f"reach rorg on {where}", f"{who} within {ANSWER:g} s", "`rorg doctor`, or starting it again")
+    return Unreachable(f"reach rorg on {where}", f"{who} within {ANSWER:g} s", "`rorg doctor`, or start it again")
 
 
 def _pid(connection: socket.socket | None) -> int:

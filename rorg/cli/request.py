@@ -53,7 +53,7 @@ def command(
     if ttl is not None and ttl <= 0:
         raise Invalid("request", "a lease of 0 s ends immediately", "--ttl 10s, or no --ttl for a request without end")
     if rollback and not wait:
-        raise Invalid("request", "--rollback needs --wait", "adding --wait")
+        raise Invalid("request", "--rollback needs --wait", "to add --wait")
     chosen = list(dict.fromkeys(services))
     name, robot = id or chosen[0], operating(context)
     check_id(name)

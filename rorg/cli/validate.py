@@ -13,7 +13,7 @@ from rorg.cli.differences import line
 from rorg.cli.options import FORMS, Directory, EngineName, Option, StateDirectory
 from rorg.cli.output import dump, note, print_rows
 from rorg.cli.terminal import hide
-from rorg.errors import Exit, Invalid
+from rorg.errors import Exit, Invalid, advice
 from rorg.model.units import counted
 
 if TYPE_CHECKING:
@@ -169,13 +169,12 @@ def _rule(code: str, codes: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "id": code,
         "shortDescription": {"text": about.cause},
-        "help": {"text": f"Try {about.remedy}. See docs/reference/findings.md#{code}."},
+        "help": {"text": f"{about.advice}. See docs/reference/findings.md#{code}."},
         "defaultConfiguration": {"level": about.severity},
     }
 
 
 def _result(found: Mapping[str, Any], rule: int) -> dict[str, Any]:
-    tail = f"; try {found['remedy']}" if found["remedy"] else ""
     place = {
         "artifactLocation": {"uri": quote(str(found["file"]))},
         "region": {"startLine": found["line"], "startColumn": found["column"]},
@@ -184,6 +183,6 @@ def _result(found: Mapping[str, Any], rule: int) -> dict[str, Any]:
         "ruleId": found["code"] or FORM,
         "ruleIndex": rule,
         "level": found["severity"],
-        "message": {"text": f"{found['message']}{tail}"},
+        "message": {"text": f"{found['message']}{advice(found['remedy'])}"},
         "locations": [{"physicalLocation": place}],
     }

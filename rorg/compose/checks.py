@@ -70,13 +70,13 @@ class _Checks:
         self.resources(name, service)
         if "network_mode" in service and service.get("networks"):
             message = f"service '{name}' has network_mode and networks, which exclude each other"
-            self.error(message, "removing one of them", *here, "network_mode")
+            self.error(message, "to remove one of them", *here, "network_mode")
         limits = service.get("deploy", {}).get("resources", {})
         for key, (side, inner) in _SAME:
             said = limits.get(side, {}).get(inner)
             if key in service and said is not None and said != service[key]:
                 message = f"service '{name}' has different values for {key} and deploy.resources.{side}.{inner}"
-                self.error(message, f"removing {key}", *here, key)
+                self.error(message, f"to remove {key}", *here, key)
         count = service.get("scale", service.get("deploy", {}).get("replicas", 1))
         if "scale" in service and service.get("deploy", {}).get("replicas", count) != count:
             self.error(
@@ -84,7 +84,7 @@ class _Checks:
             )
         if count > 1 and "container_name" in service:
             message = f"service '{name}' has {count} copies, but only one container can have the container_name"
-            self.error(message, "removing container_name", *here, "container_name")
+            self.error(message, "to remove container_name", *here, "container_name")
 
     def needs(self, name: str, service: Mapping[str, Any]) -> None:
         known = self.project.services
@@ -135,7 +135,7 @@ class _Checks:
             if ring:
                 message = f"services need each other: {' -> '.join(ring)}"
                 path = dict(needed(self.project.services[ring[0]]))[ring[1]]
-                self.error(message, "removing one of these needs", "services", ring[0], *path)
+                self.error(message, "to remove one of these needs", "services", ring[0], *path)
 
 
 def _ring(graph: Mapping[str, list[str]], start: str, done: set[str]) -> list[str]:

@@ -24,7 +24,7 @@ class Words(Form):
             try:
                 words, rest = split(node.value)
             except ValueError as error:
-                context.error(node, f"{name}: {error}", "closing the quotes, or a list")
+                context.error(node, f"{name}: {error}", "to close the quotes, or use a list")
                 return None
             if rest:
                 context.warn(node, f"{name}: Compose ignores '{rest}', because it runs no shell", "sh -c '...'")

@@ -154,7 +154,7 @@ class _Reader:
         plain = not node.style and (tag == "str" or node.tag in _TAGS)
         made.value = scalar(text) if plain or tag in ("int", "float", "bool", "null") else text
         if "\0" in text:
-            self.error(node, "a NUL character, which ends a text for the engine and for programs", "removing it")
+            self.error(node, "a NUL character, which ends a text for the engine and for programs", "to remove it")
         same_line = node.start_mark.line == node.end_mark.line
         quotes = 0 if not node.style else 2
         made.exact = same_line and node.end_mark.column - node.start_mark.column == len(text) + quotes
@@ -177,7 +177,8 @@ class _Reader:
                 self.error(key_node, f"key {key} is not a text", f'"{key}"')
             if key in found:
                 line = found[key].place.line
-                self.error(key_node, f"key '{key}' appears twice in one mapping", f"removing it here or in line {line}")
+                remedy = f"to remove it here or in line {line}"
+                self.error(key_node, f"key '{key}' appears twice in one mapping", remedy)
                 continue
             found[key] = value.but(value.value, key=self.where(key_node))
         for other in merged:

@@ -195,7 +195,7 @@ def external(node: Node, name: str, context: Context) -> Node:
         for key, value in entries.items():
             if key not in ("name", "external") and not key.startswith("x-"):
                 message = f"{name} is external, so it cannot have '{key}' here"
-                context.error(value, message, f"removing '{key}' or 'external'", key=True)
+                context.error(value, message, f"to remove '{key}' or 'external'", key=True)
     return node.but(entries)
 
 

@@ -91,7 +91,7 @@ def _server(host: Installation) -> Iterator[Check]:
 
 def _git(host: Installation) -> Iterator[Check]:
     if not host.git_version:
-        yield Check("git", WARNING, "git is not installed: no revisions and no way back", "installing git")
+        yield Check("git", WARNING, "git is not installed: no revisions and no way back", "install git")
     elif host.git_refusal:
         message, _, remedy = host.git_refusal.partition("; try ")
         yield Check("git", WARNING, message, remedy)
@@ -116,7 +116,7 @@ def _disks(host: Installation) -> Iterator[Check]:
         if short or space.free < LITTLE or _no_files(space):
             what = shown if not _no_files(space) else f"{space.files} more files can be created"
             yield Check(
-                name, ERROR if short else WARNING, what, "`rorg image prune`, `docker system df`, or deleting old bags"
+                name, ERROR if short else WARNING, what, "`rorg image prune`, `docker system df`, or delete old bags"
             )
         else:
             yield Check(name, OK, shown)

@@ -162,7 +162,7 @@ def problems(catalog: Catalog, existing: Iterable[Request], new: Request) -> lis
             cause = f"'{a}' and '{b}' conflict and would both be wanted"
             problems_found.append(Problem(ProblemCode.CONFLICT, cause, "`rorg why` for who wants which"))
     own = [new.requester, *(m for s in new.services for m in catalog.members(s))]
-    remedy = "requesting them one after another, or `resources` in the Policy"
+    remedy = "to request them one after another, or change `resources` in the Policy"
     problems_found += [
         Problem(ProblemCode.RESOURCES, f"it does not fit: {why}", remedy)
         for why in overbooked(catalog, closure(catalog.services, own))

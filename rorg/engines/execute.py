@@ -19,7 +19,7 @@ from rorg.core.operations import (
 )
 from rorg.core.plan import Action
 from rorg.engines.protocol import Lifecycle, Objects
-from rorg.errors import EngineError, RorgError
+from rorg.errors import EngineError, RorgError, advice
 
 STATE = ("gone", "conflict", "name_taken", "spent", "left_running")
 """Kinds of errors that mean that the container was in a different state than expected; the engine did not refuse."""
@@ -30,7 +30,7 @@ def failure(action: Action, error: RorgError) -> Outcome:
     kind = error.kind if isinstance(error, EngineError) else "no answer"
     return Outcome(
         action,
-        error.why + (f"; try {error.remedy}" if error.remedy else ""),
+        error.why + advice(error.remedy),
         refused=kind not in (*STATE, "no answer"),
         missing=kind == "missing_image",
         spent=kind == "spent",

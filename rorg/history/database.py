@@ -258,7 +258,7 @@ class Database:
             self._reader.close()
             if self.wall is not None:
                 return []
-            raise Invalid("read the journal", f"{self.path}: {error}", f"fixing or moving {self.path}") from error
+            raise Invalid("read the journal", f"{self.path}: {error}", f"to fix or move {self.path}") from error
 
     def _make(self) -> None:
         """Create its tables, if the disk allows it."""

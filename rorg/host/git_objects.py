@@ -56,7 +56,7 @@ def _asked(directory: Path, args: Sequence[str], stdin: int | IO[bytes]) -> Iter
         try:
             process = begin_git(["-C", str(directory), *args], owner, stdin=stdin, stdout=file)
         except OSError as error:
-            raise Unreachable(what, f"git: {error.strerror}", "installing git") from error
+            raise Unreachable(what, f"git: {error.strerror}", "to install git") from error
         try:
             code = process.wait(PATIENCE)
         except subprocess.TimeoutExpired as error:

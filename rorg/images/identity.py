@@ -79,7 +79,7 @@ def _bounded(image: Image, context: Path) -> Iterator[tuple[str, os.stat_result]
             yield name, facts
     except OSError as error:
         why = f"{error.filename or context}: {error.strerror}"
-        raise Invalid(f"build {image.name}", why, "making it readable, or a line for it in .dockerignore") from error
+        raise Invalid(f"build {image.name}", why, "to make it readable, or exclude it in .dockerignore") from error
 
 
 def _said(image: Image) -> list[Any]:

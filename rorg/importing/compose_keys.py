@@ -51,7 +51,7 @@ def _table(carried: str, rows: Table) -> Table:
 SWARM, WINDOWS = _drop("only a swarm reads it"), _drop("it is for Windows")
 NO_SETTING = _drop("rorg's builds have no such setting")
 PULLS = _drop("rorg pulls missing images when they are needed", "`rorg build`")
-BY_DOCKER = "building it with `docker build`, and naming the image"
+BY_DOCKER = "to build it with `docker build`, and name the image"
 NO_RIGHTS = _refuse("rorg gives a build no extra privileges", BY_DOCKER)
 NO_SWARM = _refuse("only a swarm keeps it", "a file")
 MOUNTED, MODELS = _to("files that are mounted"), _refuse("rorg does not run models", "a service that runs the model")
@@ -76,7 +76,7 @@ SERVICE = _table(
         "label_file": CONSUMED,
         "links": _to("spec.needs, and aliases in the networks of the other service"),
         "models": MODELS,
-        "post_start": _refuse("rorg runs nothing in a started container", "doing it in the service's command"),
+        "post_start": _refuse("rorg runs nothing in a started container", "to do it in the service's command"),
         "pre_stop": _refuse(
             "rorg runs nothing in a container before it stops", "stop_signal, which the program can handle"
         ),
@@ -143,7 +143,7 @@ NETWORK = _table(
     "attachable driver driver_opts enable_ipv6 external internal ipam labels name",
     {
         "enable_ipv4": _refuse(
-            "rorg has no networks without IPv4", "creating it with `docker network create`, and external: true"
+            "rorg has no networks without IPv4", "to create it with `docker network create`, and set external: true"
         ),
     },
 )

@@ -134,7 +134,7 @@ def _security(work: Work, _name: str, value: list[str]) -> Any:
 def _isolation(work: Work, name: str, value: str) -> Any:
     if value != "default":
         message = f"isolation: {value} cannot be carried over: it is for Windows"
-        work.refuse(message, "services", name, "isolation", remedy="dropping it")
+        work.refuse(message, "services", name, "isolation", remedy="to drop it")
     return value
 
 

@@ -58,7 +58,7 @@ class Work:
         for key in (key for key, value in said.items() if not key.startswith("x-") and value not in (None, {}, [])):
             row = table.get(key)
             if row is None:
-                self.refuse(f"{shown}{key} is unknown to rorg", *path, key, remedy="dropping it")
+                self.refuse(f"{shown}{key} is unknown to rorg", *path, key, remedy="to drop it")
             elif row.how == "dropped":
                 self.note(f"{shown}{key} is not carried over: {row.why}", *path, key, remedy=row.remedy)
             elif row.how == "refused":

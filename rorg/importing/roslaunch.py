@@ -58,7 +58,7 @@ def read_launch(path: Path, text: str) -> Element | Diagnostic:
         way.append(made)
 
     def refuse(*_: object) -> None:
-        raise TooMuch(place(), "a document type (<!DOCTYPE>), which rorg does not read", "dropping it")
+        raise TooMuch(place(), "a document type (<!DOCTYPE>), which rorg does not read", "to drop it")
 
     parser.StartElementHandler = start
     parser.EndElementHandler = lambda _: way.pop()
@@ -67,7 +67,7 @@ def read_launch(path: Path, text: str) -> Element | Diagnostic:
         parser.Parse(text.encode(), True)
     except expat.ExpatError as error:
         where = Where(str(path), error.lineno, error.offset + 1)
-        return Diagnostic(where, f"not XML: {expat.ErrorString(error.code)}", "fixing it")
+        return Diagnostic(where, f"not XML: {expat.ErrorString(error.code)}", "to fix it")
     found = top.children[0]
     if found.tag != "launch":
         return Diagnostic(found.where, f"it starts with <{found.tag}>", "<launch>")
@@ -158,7 +158,7 @@ class _Reading:
                 self._include(element, values, namespace, depth)
             elif element.tag == "machine":
                 message = "<machine>: rorg starts nothing on other machines"
-                self.found.append(_note(element.where, message, "running rorg on each machine"))
+                self.found.append(_note(element.where, message, "to run rorg on each machine"))
 
     def _holds(self, element: Element, values: Mapping[str, str]) -> bool:
         """The value of `if` and `unless`; conditions that cannot be evaluated here count as true."""

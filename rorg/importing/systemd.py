@@ -36,7 +36,7 @@ REMEDIES = {
     "WatchdogSec": "a `live` probe",
     "PIDFile": "a command that stays in the foreground",
     "Nice": "container: {cpu_shares: ...}",
-    "RestartSec": "leaving it out: delays grow automatically",
+    "RestartSec": "to leave it out: delays grow automatically",
     "DeviceAllow": "container: {devices: [...]}",
 }
 
@@ -123,7 +123,7 @@ class _Service:
             try:
                 return shlex.split(starts[0].replace("%%", "%"))
             except ValueError as error:
-                self.tell("ExecStart", f"not a command line: {error}", "closing the quotes", "error")
+                self.tell("ExecStart", f"not a command line: {error}", "to close the quotes", "error")
                 return []
         self.notes.append("A shell runs it, because it has variables or more than one command.")
         lines = [*before, *starts[:-1], *(f"exec {start}" for start in starts[-1:])]
@@ -166,7 +166,7 @@ class _Service:
                 words += shlex.split(value)
             except ValueError as error:
                 where = Where(str(self.unit.path), line)
-                self.found.append(Diagnostic(where, f"not assignments: {error}", "closing the quotes"))
+                self.found.append(Diagnostic(where, f"not assignments: {error}", "to close the quotes"))
         self.container["environment"] = dict(word.split("=", 1) for word in words if "=" in word)
 
     def environment_file(self, _: str) -> None:

@@ -77,7 +77,7 @@ def _directory(found: Contexts, source: Source, name: str, value: str, images: C
     """Makes an Image from a directory and returns its name. Raises _Wrong."""
     path = str(real(source.directory / os.path.expanduser(value)))
     if not os.path.isdir(path):
-        raise _Wrong(f"no directory {path}", "creating it, or " + TAKEN)
+        raise _Wrong(f"no directory {path}", "to create it, or use " + TAKEN)
     called = f"{plain(source.name).replace(':', '-')}-{re.sub(r'[^a-z0-9]+', '-', name.lower()).strip('-')}-context"
     try:
         check_name(called)

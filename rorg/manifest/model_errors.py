@@ -59,7 +59,7 @@ def _explain(model: type[Strict], document: Document, entry: Any, at: Loc) -> Di
         return Diagnostic(document.where(loc[:-1], key=True), f"'{loc[-1]}' is missing")
     where = document.where(loc)
     if loc == ("spec",) and entry["input"] is None:
-        return Diagnostic(where, "spec: it is empty", "filling it, or deleting the file", code="empty-document")
+        return Diagnostic(where, "spec: it is empty", "to fill it, or delete the file", code="empty-document")
     if loc == ("apiVersion",):
         return Diagnostic(where, f"apiVersion must be {API_VERSION}", f"'{API_VERSION}'")
     text = entry["msg"].removeprefix("Value error, ")

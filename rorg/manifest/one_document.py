@@ -51,7 +51,7 @@ def read_document(path: Path, kind: str, model: type[S], make: Callable[[OneDocu
             if not found:
                 return value
     lines = "\n".join(map(str, found))
-    raise Invalid(f"use {path}", f"{counted(len(found), 'error')}\n{lines}\n", f"fixing what is wrong in this {kind}")
+    raise Invalid(f"use {path}", f"{counted(len(found), 'error')}\n{lines}\n", f"to fix what is wrong in this {kind}")
 
 
 MOST_NODES = 5_000_000

@@ -63,7 +63,7 @@ def unknown_robot(root: Path, robot: str) -> Diagnostic | None:
     known = robots_of(root)
     if not robot or robot in known:
         return None
-    remedy = nearest(robot, known) or f"creating {FOLDER}/{robot}/"
+    remedy = nearest(robot, known) or f"to create {FOLDER}/{robot}/"
     return Diagnostic(Where(str(root / FOLDER)), f"no robot '{robot}'", remedy)
 
 

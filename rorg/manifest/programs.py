@@ -85,17 +85,17 @@ def _as_process(source: Source, spec: Mapping[str, Any], images: Collection[str]
     search = spec.get("environment", {}).get("PATH") or os.environ.get("PATH", os.defpath)
     if not os.path.isdir(folder):
         where = source.where("spec", "container", "working_dir")
-        yield Diagnostic(where, f"no directory {folder}", "creating it", _severity(source, folder))
+        yield Diagnostic(where, f"no directory {folder}", "to create it", _severity(source, folder))
     elif not words:
         yield Diagnostic(where, "no command, and a process has none from its image", "`command`", "warning")
     elif "/" in words[0]:
         path = os.path.normpath(os.path.join(folder, words[0]))
         if not os.path.isfile(path):
-            yield Diagnostic(where, f"no program {path}", "creating it", _severity(source, path))
+            yield Diagnostic(where, f"no program {path}", "to create it", _severity(source, path))
         elif not os.access(path, os.X_OK):
             yield Diagnostic(where, f"{path} is not executable", f"chmod +x {path}", "warning")
     elif not declared(spec["image"], images) and not shutil.which(words[0], path=search):
-        remedy = f"installing it, or ./{words[0]} for a program beside the manifest"
+        remedy = f"to install it, or write ./{words[0]} for a program beside the manifest"
         yield Diagnostic(where, f"no program '{words[0]}' on this machine", remedy, "warning")
 
 

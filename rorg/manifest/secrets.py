@@ -35,7 +35,7 @@ def secrets_of(
             values = [*([variables[secret]] if secret in variables else []), *(images[i].args[secret] for i in taken)]
             if not values:
                 known = {*variables, *(a for i in under for a in images[i].args)}
-                remedy = nearest(secret, known) or "naming one that is in container.environment or an env_file"
+                remedy = nearest(secret, known) or "to name one that is in container.environment or an env_file"
                 message = f"'{secret}' is neither a variable of '{name}' nor an argument of its image"
                 yield Diagnostic(where, message, remedy)
             elif any(0 < len(value) < SHORTEST_SECRET for value in values):

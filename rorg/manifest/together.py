@@ -37,25 +37,25 @@ def _network(options: Options) -> Iterator[Clash]:
     mode = options.get("network_mode", "")
     if mode and options.get("networks"):
         message = f"networks and network_mode: {mode} exclude each other"
-        yield Clash(("networks",), message, "dropping one of them", "network_mode")
+        yield Clash(("networks",), message, "to drop one of them", "network_mode")
     if mode.startswith(("container:", "service:")):
         for option in (o for o in _OF_NETWORKS if options.get(o)):
             message = f"{option} is not for a container that uses another container's network"
-            yield Clash((option,), message, "declaring it there", "network_mode")
+            yield Clash((option,), message, "to declare it there", "network_mode")
     elif mode in ("host", "none"):
         useless = ("ports", "publish_all_ports", *(("links", "mac_address") if mode == "host" else ()))
         for option in (o for o in useless if options.get(o)):
             code = "ports-with-host-network" if mode == "host" and option in ("ports", "publish_all_ports") else ""
             message, remedy = (
                 f"{option} has no effect under network_mode: {mode}",
-                "network_mode: bridge, or dropping it",
+                "network_mode: bridge, or drop it",
             )
             yield Clash((option,), message, remedy, "network_mode", code)
 
 
 def _namespaces(options: Options) -> Iterator[Clash]:
     if options.get("uts") == "host" and options.get("hostname"):
-        yield Clash(("hostname",), "under uts: host the host's name is used", "dropping one of them", "uts")
+        yield Clash(("hostname",), "under uts: host the host's name is used", "to drop one of them", "uts")
     for name in options.get("sysctls", {}):
         foreign = {
             "network_mode": name.startswith("net."),
@@ -66,16 +66,16 @@ def _namespaces(options: Options) -> Iterator[Clash]:
             if theirs and options.get(option) == "host":
                 message = f"'{name}' belongs to the host under {option}: host"
                 code = "sysctls-with-host-network" if option == "network_mode" else ""
-                yield Clash(("sysctls", name), message, f"setting it on the host, or another {option}", option, code)
+                yield Clash(("sysctls", name), message, f"to set it on the host, or use another {option}", option, code)
 
 
 def _limits(options: Options) -> Iterator[Clash]:
     memory, swap = options.get("mem_limit", 0), options.get("memswap_limit", 0)
     for option in ("cpu_period", "cpu_quota"):
         if options.get("cpus") and options.get(option, 0) > 0:
-            yield Clash((option,), f"cpus and {option} exclude each other", "dropping one of them")
+            yield Clash((option,), f"cpus and {option} exclude each other", "to drop one of them")
     if swap > 0 and not memory:
-        yield Clash(("memswap_limit",), "memswap_limit needs mem_limit", "declaring mem_limit too")
+        yield Clash(("memswap_limit",), "memswap_limit needs mem_limit", "to declare mem_limit too")
     elif 0 < swap < memory:
         yield Clash(("memswap_limit",), "memswap_limit, which is memory and swap together, is below mem_limit")
     if memory and options.get("mem_reservation", 0) > memory:
@@ -139,7 +139,7 @@ def _logging(options: Options) -> Iterator[Clash]:
 def _security(options: Options) -> Iterator[Clash]:
     for option in ("masked_paths", "readonly_paths"):
         if options.get(option) and "systempaths=unconfined" in options.get("security_opt", ()):
-            yield Clash((option,), f"{option} and systempaths=unconfined exclude each other", "dropping one of them")
+            yield Clash((option,), f"{option} and systempaths=unconfined exclude each other", "to drop one of them")
 
 
 RULES: tuple[Rule, ...] = (_network, _namespaces, _limits, _places, _logging, _security)

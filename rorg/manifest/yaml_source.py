@@ -128,7 +128,7 @@ class _Reader:
                 continue
             if key in result:
                 line = self.document.keys[(*path, key)][0]
-                remedy = f"dropping it here or in line {line}"
+                remedy = f"to drop it here or in line {line}"
                 self.error(key_node, f"key '{key}' appears twice in one mapping", remedy, "duplicate-key")
                 continue
             self.document.keys[(*path, key)] = (key_node.start_mark.line + 1, key_node.start_mark.column + 1)
@@ -146,7 +146,7 @@ class _Reader:
         if tag != "str":
             self.error(node, f"tag {node.tag} is not supported", "plain text, numbers, lists and mappings")
         if "\0" in text and not self.nul:
-            self.error(node, "a NUL character, which ends a text for the engine and for programs", "leaving it out")
+            self.error(node, "a NUL character, which ends a text for the engine and for programs", "to leave it out")
         return text
 
     def number(self, node: yaml.Node, tag: str, text: str) -> int | float:
@@ -226,7 +226,7 @@ def read_yaml(
         if len(nodes) > 1:
             reader.error(nodes[1], "a second document in one file", "one file for each document")
         if not nodes or nodes[0] is None or (nodes[0].tag.endswith(":null") and not nodes[0].value):
-            remedy = "filling it, or deleting the file"
+            remedy = "to fill it, or delete the file"
             return None, [Diagnostic(Where(file), "the document is empty", remedy, code="empty-document")]
         reader.document.value = reader.read(nodes[0])
         reader.document.allows = allows(text, file)

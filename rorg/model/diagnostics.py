@@ -9,6 +9,8 @@ from contextvars import ContextVar
 from dataclasses import asdict, dataclass, replace
 from typing import TypeVar
 
+from rorg.errors import advice
+
 
 @dataclass(frozen=True, slots=True, order=True)
 class Where:
@@ -40,9 +42,8 @@ class Diagnostic:
 
     def __str__(self) -> str:
         """The diagnostic on one line, even if the quoted text has several."""
-        tail = f"; try {self.remedy}" if self.remedy else ""
         code = f" [{self.code}]" if self.code else ""
-        return f"{self.where}: {self.severity}: {self.message}{tail}{code}".replace("\n", "\\n")
+        return f"{self.where}: {self.severity}: {self.message}{advice(self.remedy)}{code}".replace("\n", "\\n")
 
     def as_json(self) -> dict[str, str | int]:
         names = ("severity", "message", "remedy", "code")

@@ -25,7 +25,7 @@ Edit = Callable[[RequestsDocument], RequestsDocument]
 
 def _told(error: Exception) -> Exception:
     if isinstance(error, OSError):
-        return Unreachable("write the requests file", error.strerror or str(error), "freeing space on the disk")
+        return Unreachable("write the requests file", error.strerror or str(error), "to free space on the disk")
     return error
 
 

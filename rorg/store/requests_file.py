@@ -80,7 +80,7 @@ class RequestsFile:
             self.read()
             if self.diagnostics:
                 found = self.diagnostics[0]
-                raise Invalid(f"change {self.path}", f"{found.where}: {found.message}", "fixing the file first")
+                raise Invalid(f"change {self.path}", f"{found.where}: {found.message}", "to fix the file first")
             changed = edit(self.document)
             if changed != self.document:
                 write_atomic(self.path, render(changed))
@@ -98,8 +98,8 @@ def _content(path: Path) -> tuple[RequestsDocument | None, list[Diagnostic], boo
     except FileNotFoundError:
         return RequestsDocument(), [], True
     except OSError as error:
-        return None, [Diagnostic(Where(str(path)), f"cannot be read: {error.strerror}", "fixing or moving it")], False
+        return None, [Diagnostic(Where(str(path)), f"cannot be read: {error.strerror}", "to fix or move it")], False
     try:
         return *parse(text, str(path)), True
     except Exception as bug:
-        return None, [Diagnostic(Where(str(path)), f"cannot be read: {type(bug).__name__}: {bug}", "fixing it")], True
+        return None, [Diagnostic(Where(str(path)), f"cannot be read: {type(bug).__name__}: {bug}", "to fix it")], True

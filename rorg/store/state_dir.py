@@ -52,7 +52,7 @@ class StateDir:
             raise Invalid(
                 f"use the state directory {self.path}",
                 f"{error.filename2 or error.filename or self.path}: {error.strerror or error}",
-                "fixing or moving what is there, or another directory: --state-dir DIR, or RORG_STATE_DIR",
+                "to fix or move what is there, or name another directory: --state-dir DIR, or RORG_STATE_DIR",
             ) from error
 
     @property
@@ -103,7 +103,7 @@ class StateDir:
             raise Invalid(
                 f"identify the robot of {self.path}",
                 f"{path} holds no id",
-                "writing there what the containers of this robot have in their label rorg.io/owner",
+                "to write there what the containers of this robot have in their label rorg.io/owner",
             )
         return found
 
@@ -120,7 +120,7 @@ class StateDir:
             raise Refused(
                 f"own {self.path}",
                 f"{owner.get('what', 'another rorg')} (pid {owner.get('pid', '?')}) does",
-                "stopping that one first, or another --state-dir",
+                "to stop that one first, or use another --state-dir",
             ) from None
         self._lock = descriptor
         self._lock_owner(instance, {"pid": os.getpid(), "what": what, "state": str(self.path.resolve())})
@@ -140,7 +140,7 @@ class StateDir:
                 f"own {self.path}",
                 f"{other.get('what', 'another rorg')} (pid {other.get('pid', '?')}) manages the same containers from "
                 f"{other.get('state', 'another state directory')}: one of these directories is a copy of the other",
-                "stopping that one first, or another --state-dir for another robot",
+                "to stop that one first, or use another --state-dir for another robot",
             ) from None
         except OSError:  # no lock is possible here, which must not stop a robot
             return

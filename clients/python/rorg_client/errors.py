@@ -1,4 +1,4 @@
-"""The errors of calls: `cannot {what}: {cause}; try {remedy}`."""
+"""The errors of calls: `cannot {what}: {cause}; try {remedy}`, or without "try" for a remedy "to do" something."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ class Error(Exception):
 
     def __init__(self, what: str, cause: str, remedy: str = "", code: str = "", status: int = 0) -> None:
         self.what, self.cause, self.remedy, self.code, self.status = what, cause, remedy, code, status
-        super().__init__(f"{what}: {cause}" + (f"; try {remedy}" if remedy else ""))
+        advice = remedy[3:] if remedy.startswith("to ") else f"try {remedy}"
+        super().__init__(f"{what}: {cause}" + (f"; {advice}" if remedy else ""))
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.what, self.cause, self.remedy, self.code, self.status), dict(self.__dict__)

@@ -70,7 +70,7 @@ class DemoRobot(ThrowawayRobot):
         try:
             done = subprocess.run(command, cwd=self.folder / "robot", capture_output=True, text=True)
         except FileNotFoundError:
-            raise Invalid("run the demo", "git is not installed here", "installing git, or adding it to PATH") from None
+            raise Invalid("run the demo", "git is not installed here", "to install git, or add it to PATH") from None
         if done.returncode:
             raise Invalid(f"git {args[0]}", done.stderr.strip())
         return done.stdout.strip()

@@ -8,6 +8,7 @@ from typing import Any
 
 from rorg.cli.demo.robot import DemoRobot
 from rorg.cli.demo.show import Bar, Show
+from rorg.errors import advice
 from rorg.model.units import format_memory
 
 FACE = ["ros_face_train_controller", "snowboy"]
@@ -105,7 +106,7 @@ def _commits(robot: DemoRobot, show: Show) -> None:
     for error in view["tree"]["errors"]:
         show.line(
             f"  {commit}: {error['file'].replace(str(robot.folder), '')[1:]}:{error['line']}:{error['column']}: "
-            f"{error['message']}; try {error['remedy']}"
+            f"{error['message']}{advice(error['remedy'])}"
         )
     same = _ids(view) == runs
     show.line(f"  refused; the robot keeps running: {len(runs)} services, " + ("all untouched" if same else "CHANGED"))

@@ -43,7 +43,7 @@ KINDS = (
         r"is already in use by container",
         "another container_name, or remove that container, which is not rorg's",
     ),
-    ("missing_device", r"gathering device information|no such file or directory.*dev", "plugging the device in"),
+    ("missing_device", r"gathering device information|no such file or directory.*dev", "to plug the device in"),
     ("forbidden", r"operation not permitted|permission denied", "an engine that may do this, or leave the option out"),
     ("forbidden", r"could not select device driver", "an engine with that runtime, or leave gpus out"),
     ("unsupported", r"freezer not supported|cannot toggle freezer|cannot be paused", "idle: {action: stop}"),

@@ -78,14 +78,14 @@ def remove(client: Client, kind: Kind, name: str, owner: str) -> None:
         raise EngineError(what, f"it belongs to {whose}" if whose else "it is not rorg's", kind="foreign")
     users = sorted(c.get("Name", "") for c in (data.get("Containers") or {}).values())
     if users:
-        raise EngineError(what, f"connected to it: {', '.join(users)}", "stopping these", kind="in_use")
+        raise EngineError(what, f"connected to it: {', '.join(users)}", "to stop these", kind="in_use")
     try:
         client.delete(f"/{kind}s/{data['Id'] if kind == 'network' else name}")
     except Refused as no:
         if no.status == 404:
             return
         if no.status in (403, 409):
-            raise EngineError(what, no.text, "removing the containers that use it", kind="in_use") from no
+            raise EngineError(what, no.text, "to remove the containers that use it", kind="in_use") from no
         raise
 
 

@@ -164,7 +164,7 @@ class ProcessEngine:
         except EngineError:
             return
         if self.records.state(record)[0] in ("running", "paused"):
-            raise EngineError(f"remove {record['name']}", "it runs", "stopping it first", "conflict")
+            raise EngineError(f"remove {record['name']}", "it runs", "to stop it first", "conflict")
         self.records.children.pop(container, None)
         shutil.rmtree(self.records.folder(container), ignore_errors=True)
         if self._names is not None:

@@ -92,7 +92,7 @@ def _log_of(records: Records, record: Record) -> int:
     try:
         return open_private(records.log(record["id"]), os.O_WRONLY | os.O_APPEND)
     except OSError as error:
-        raise EngineError(f"start {record['name']}", f"{error.filename}: {error.strerror}", "moving it") from error
+        raise EngineError(f"start {record['name']}", f"{error.filename}: {error.strerror}", "to move it") from error
 
 
 def run_beside(
@@ -190,7 +190,7 @@ def check_program(service: str, folder: str, command: Sequence[str], path: str) 
     its directory or program is missing or not permitted."""
     what, program = f"start {service}", command[0] if command else ""
     if not os.path.isdir(folder):
-        raise EngineError(what, f"no directory {folder}", "creating it, or another `working_dir`")
+        raise EngineError(what, f"no directory {folder}", "to create it, or use another `working_dir`")
     if not os.access(folder, os.X_OK):
         raise EngineError(what, f"rorg has no permission for {folder}", f"chmod +x {folder}", "forbidden")
     if "/" not in program:
@@ -201,12 +201,12 @@ def check_program(service: str, folder: str, command: Sequence[str], path: str) 
     else:
         found = os.path.normpath(os.path.join(folder, program))
         if not os.path.isfile(found):
-            raise EngineError(what, f"no program {found}", "creating it, or another `command`", "missing_image")
+            raise EngineError(what, f"no program {found}", "to create it, or use another `command`", "missing_image")
         if not os.access(found, os.X_OK):
             raise EngineError(what, f"{found} is not executable", f"chmod +x {found}", "forbidden")
     interpreter = _interpreter(found)
     if interpreter.startswith("/") and not os.access(interpreter, os.X_OK):
-        raise EngineError(what, f"{found} is a script for {interpreter}, which is not installed", "installing that")
+        raise EngineError(what, f"{found} is a script for {interpreter}, which is not installed", "to install that")
 
 
 def _interpreter(path: str) -> str:

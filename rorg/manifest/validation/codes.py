@@ -2,8 +2,8 @@
 
 The checks are in the other files of this folder. This table has what holds for all findings of a code, as text, which
 is easier to read and to write than calls. An entry is `CODE: why this is a finding`, and below it what to try, in words
-that follow "try". (error): it can never work, and the tree is refused; other codes are warnings. (machine): found only
-by `rorg validate --machine`.
+that follow "try"; `to ...` is an instruction. (error): it can never work, and the tree is refused; other codes are
+warnings. (machine): found only by `rorg validate --machine`.
 """
 
 from __future__ import annotations
@@ -11,6 +11,8 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from typing import NamedTuple
+
+from rorg.errors import advice
 
 
 class Code(NamedTuple):
@@ -22,27 +24,33 @@ class Code(NamedTuple):
     """error or warning. A single finding may be milder than its code."""
     machine: bool
 
+    @property
+    def advice(self) -> str:
+        """The remedy as a sentence without its full stop: "Try network_mode: host", "Drop one of them"."""
+        text = advice(self.remedy).removeprefix("; ")
+        return text[:1].upper() + text[1:]
+
 
 _TEXT = r"""
 # Form
 duplicate-key (error): One of the two silently wins.
-  try dropping one
+  try to drop one
 empty-document (error): An empty file was most likely cut off.
-  try filling it, or deleting the file
+  try to fill it, or delete the file
 allow-without-reason: Next year's reader must know why the exception is right.
   try a reason behind the code
 allow-unknown-code: A comment with a misspelt code has no effect.
   try a code of this page
 allow-without-effect: The finding that it allowed is gone, or on another line.
-  try dropping the comment
+  try to drop the comment
 # Networks
 ports-with-host-network (error): On the host's network there is nothing to publish: all ports are the host's own.
-  try network_mode: bridge, or dropping it
+  try network_mode: bridge, or drop it
 sysctls-with-host-network (error): The engine refuses these, because they belong to the host there.
-  try setting it on the host, or another network_mode
+  try to set it on the host, or use another network_mode
 hostname-with-host-network (error): On the host's network, nothing can resolve that name. A ROS master ends with "unable
   to contact my own server".
-  try dropping it, or ROS_HOSTNAME: localhost
+  try to drop it, or set ROS_HOSTNAME: localhost
 mixed-networks: ROS gives nodes the addresses of the others: across networks topics are listed, but no data arrives.
   try network_mode: host for all of them
 ros-without-network: ROS uses the network even on a single machine.
@@ -50,7 +58,7 @@ ros-without-network: ROS uses the network even on a single machine.
 ros-master-uri (error): ROS programs fail to start with it.
   try http://localhost:11311
 ros-ip-and-hostname: ROS takes ROS_HOSTNAME and ignores ROS_IP.
-  try dropping one of them
+  try to drop one of them
 ros-master-elsewhere: The nodes register elsewhere under a name that means that other machine itself: it cannot call
   them back.
   try ROS_IP with this machine's address, and no ROS_HOSTNAME
@@ -64,7 +72,7 @@ port-probed-twice: Whichever is up first makes the other one count as ready.
   try another port, or conflicts between the two
 # Stopping
 engine-restart-policy: A service that rorg has stopped comes back when the engine restarts.
-  try dropping it; spec.restart says the same to rorg
+  try to drop it; spec.restart says the same to rorg
 sigterm-with-cpp-node: A roscpp node does not unregister on SIGTERM. As PID 1 it does not even end: it takes 10 s, exits
   with 137, and leaves a stale registration.
   try stop_signal: SIGINT with init: true, as the profile common has them
@@ -101,11 +109,11 @@ linger-shorter-than-start: A request a little later waits for a whole start.
   try a longer linger
 # ROS 1
 second-master: The second ROS master at the same address ends immediately.
-  try dropping one
+  try to drop one
 ros1-without-roscore: It may start before its master, and does not restart with it.
   try profile: ros1
 ros-parameter-twice: A ROS master keeps one value per name: the one from the service that started last.
-  try declaring it in a service that both need
+  try to declare it in a service that both need
 need-without-restart: A node that outlives its master never returns to the graph.
   try profile: ros1
 roslaunch-without-wait: If it finds no ROS master it starts its own, and other nodes then use that.
@@ -142,7 +150,7 @@ misspelt-rmw: Every ROS 2 program ends immediately.
 shm-too-small: A participant without shared memory dies of SIGBUS, or sends nothing.
   try shm_size: 256Mi
 shm-nearly-full (machine): A participant without shared memory dies of SIGBUS, or sends nothing.
-  try `mount -o remount,size=50% /dev/shm`, or removing what fills it
+  try `mount -o remount,size=50% /dev/shm`, or remove what fills it
 # Devices
 privileged: One mistake in it, or one attack on it, reaches the whole machine.
   try driver: {devices, groups, realtime}, which give what is needed
@@ -153,7 +161,7 @@ whole-dev-mounted: It reaches all disks, and the machine's /dev/shm too.
 unstable-device-path: The kernel numbers these in the order in which it finds them.
   try /dev/serial/by-id/...
 missing-device (machine): The container cannot start, nor start again after an unplug.
-  try plugging it in, or its name in /dev/serial/by-id
+  try to plug it in, or use its name in /dev/serial/by-id
 device-as-volume: Opening it fails with "operation not permitted", even for root.
   try driver: {devices: [...]}
 device-shared: Two programs on one port each get half of the data.
@@ -178,7 +186,7 @@ socket-file-mounted (error): A mounted socket file is dead once its program rest
 engine-socket-mounted: A program that can talk to the engine can mount the whole machine.
   try may_request or may_manage, by which rorg does it
 missing-mount-source: The engine creates an empty directory instead, and the program fails silently.
-  try creating it
+  try to create it
 mount-not-writable (machine): Its logs, bags or maps are lost.
   try another owner of the directory
 mount-over-system: The image's own programs disappear.
@@ -186,7 +194,7 @@ mount-over-system: The image's own programs disappear.
 whole-host-mounted: A mistake in it deletes the machine's files.
   try the one directory, or :ro
 missing-file: The program ends immediately, at every start.
-  try creating it
+  try to create it
 program-not-executable: The container cannot start: permission denied.
   try chmod +x
 script-with-crlf: The container cannot start: no such file or directory.
@@ -213,9 +221,9 @@ log-without-limits: A full disk stops everything.
 recording-without-limit: A full disk stops everything.
   try --split --size=1024 --max-splits=20
 tty-without-stdin: Programs format their output for a terminal that is not there.
-  try stdin_open: true, or dropping tty
+  try stdin_open: true, or drop tty
 shm-size-with-ipc-host: The engine ignores it.
-  try dropping one of them
+  try to drop one of them
 oom-kill-disabled-without-limit: The kernel kills everything else first.
   try mem_limit
 nofile-too-high: Python closes every possible descriptor up to the limit, one by one.
@@ -244,24 +252,24 @@ secret-in-manifest: Everyone who can read the repository can read it.
 python-output-held-back: The last output before a crash is lost.
   try environment: {PYTHONUNBUFFERED: "1"}
 unconfined: The container can exploit kernel bugs that the profile blocks.
-  try dropping it
+  try to drop it
 requests-itself: A request counts only while something else wants its requester.
   try a request of developer, or always_on: true
 # The machine
 device-of-other-group (machine): The device exists, but the program may not open it.
   try its group, by number
 missing-host-path (machine): The engine creates an empty directory instead, and the program fails silently.
-  try creating it
+  try to create it
 missing-runtime (machine): The engine cannot create the container.
-  try installing it, or another runtime
+  try to install it, or use another runtime
 port-in-use (machine): The container cannot start while another program has the port.
-  try another port, or ending that program
+  try another port, or end that program
 limit-above-kernel (machine): The engine cannot grant more than it has itself.
   try a smaller limit, or a higher one for the engine
 more-than-machine (machine): This machine does not have that much.
   try less of it
 cgroup-version (machine): This machine's kernel does not support that option.
-  try dropping it
+  try to drop it
 realtime-throttled (machine): Real-time programs are throttled or refused.
   try kernel.sched_rt_runtime_us as the kernel has it: 950000
 """

@@ -47,7 +47,7 @@ def _sources(subject: Subject) -> Iterator[Finding]:
         dead = next(_dead_links(mount.path), "")
         if dead:
             message = f"{_shown(subject, mount)} contains a dead link: {dead}"
-            yield Finding("missing-mount-source", subject.volume(mount), message, "mending or deleting the link")
+            yield Finding("missing-mount-source", subject.volume(mount), message, "to mend or delete the link")
 
 
 def _of_tree(subject: Subject) -> Iterator[Mount]:

@@ -22,7 +22,7 @@ def _masters(robot: Robot) -> Iterator[Finding]:
         first = robot.masters[0]
         if not robot.apart(first, subject) and _place(first) == _place(subject):
             message = f"'{first.name}' is a ROS master too, at the same address"
-            yield Finding("second-master", subject.command(), message, f"conflicts: [{first.name}], or dropping one")
+            yield Finding("second-master", subject.command(), message, f"conflicts: [{first.name}], or drop one")
 
 
 def _place(subject: Subject) -> tuple[str, str]:
@@ -122,7 +122,7 @@ def _parameters(robot: Robot) -> Iterator[Finding]:
                 what = "another value" if rival == name else f"its {rival}"
                 message = f"'{other.name}' sets {name}, for which '{one.name}' has {what}"
                 where = other.at("ros", "parameters", name)
-                yield Finding("ros-parameter-twice", where, message, "declaring it in a service that both need")
+                yield Finding("ros-parameter-twice", where, message, "to declare it in a service that both need")
 
 
 def _within(one: str, other: str) -> bool:

@@ -76,7 +76,7 @@ def _wrong_comments(allows: Iterable[Allow], used: Collection[Allow], machine: b
             message = f"'{allow.code}' is allowed without a reason, so the comment has no effect"
             remedy, of = f"# rorg: allow {allow.code}: why this is right here", "allow-without-reason"
         elif allow not in used and (machine or not code.machine):
-            message, remedy = f"there is no finding '{allow.code}' here", "dropping this comment"
+            message, remedy = f"there is no finding '{allow.code}' here", "to drop this comment"
             of = "allow-without-effect"
         else:
             continue

@@ -17,14 +17,20 @@ struct Ready {
 };
 using Readiness = std::map<std::string, Ready>;
 
-// rorg said no, or did not answer. what() reads "cannot X: cause; try remedy".
+// rorg said no, or did not answer. what() reads "cannot X: cause; try remedy", or without "try" for a remedy
+// "to do" something.
 class Error : public std::runtime_error {
  public:
   Error(const std::string& title, const std::string& cause, const std::string& remedy = "", int status = 0)
-      : std::runtime_error(title + ": " + cause + (remedy.empty() ? "" : "; try " + remedy)),
-        cause(cause), remedy(remedy), status(status) {}
+      : std::runtime_error(title + ": " + cause + advice(remedy)), cause(cause), remedy(remedy), status(status) {}
   std::string cause, remedy;
   int status;  // HTTP status; 0 when nobody answered
+
+ private:
+  static std::string advice(const std::string& remedy) {
+    if (remedy.empty()) return "";
+    return remedy.rfind("to ", 0) == 0 ? "; " + remedy.substr(3) : "; try " + remedy;
+  }
 };
 struct Unreachable : Error { using Error::Error; };  // nobody answers
 struct Untrusted : Error { using Error::Error; };    // over TLS: a certificate that is not trusted
