@@ -17,8 +17,11 @@ from rorg.host.devices import DeviceWatch, elsewhere, look
 from rorg.manifest.driver import Driver, options_of
 from rorg.manifest.load import load, load_or_raise
 from rorg.manifest.validation.machine import check_machine
+from rorg.model.catalog import Catalog, Group, Idle, Probe, Service
 from rorg.model.devices import Device, Plugged
+from rorg.model.former import Former, Kept
 from rorg.model.machine import Machine as Facts
+from rorg.store.last_good import read_kept, write_kept
 
 root_only = pytest.mark.skipif(os.geteuid() != 0, reason="only root makes device nodes")
 GONE, THERE = Plugged(problem="is not there"), Plugged("/dev/ttyUSB0", "c 188:0")
@@ -350,3 +353,14 @@ def test_validate_looks_for_devices_that_are_known_by_what_they_say(tmp_path):
         [("missing-device", "a device with vendor 0403 is not there")],
         [],
     ]
+
+
+def test_a_service_of_the_last_good_tree_is_read_back_whole(tmp_path):
+    laser = Device("udev(vendor=1):/dev/laser", udev=(("vendor", "1"),))
+    ready = Probe("several", 1.0, parts=(Probe("tcp", "localhost:1"), Probe("exec", ("a", "b"))))
+    driver = Service("driver", devices=(laser,), ready=ready, idle=Idle(escalate=(3.0, "stop")), spec={"image": "a:1"})
+    kept = Kept(Catalog({"driver": driver}, {"all": Group("all", ("driver",))}), {"driver": Former(driver, ("other",))})
+    write_kept(tmp_path, kept)
+    found = read_kept(tmp_path)
+    assert (found.catalog.services, found.catalog.groups) == (kept.catalog.services, kept.catalog.groups)
+    assert found.former == kept.former

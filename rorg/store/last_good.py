@@ -5,14 +5,15 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, is_dataclass
+from functools import cache, partial
+from itertools import repeat
 from pathlib import Path
-from typing import Any, TypeVar
+from types import UnionType
+from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from rorg.model.catalog import Catalog, Group, Idle, Probe, Request, Service, Updating
-from rorg.model.diagnostics import Where
+from rorg.model.catalog import Catalog, Group, Request, Service
 from rorg.model.former import Former, Kept
-from rorg.model.ros import RosParameters
 from rorg.store.files import write_atomic
 from rorg.store.state_dir import read_json
 
@@ -42,7 +43,7 @@ def read_kept(folder: Path) -> Kept:
         if content.pop("digest", "") != _digest(content):
             return Kept()
         last, former = _each(content["last"], _load), _each(content["former"], _former)
-        requests = _each(content.get("requests", []), _request)
+        requests = _each(content.get("requests", []), partial(_value, Request))
     except (ValueError, LookupError, TypeError, RecursionError):
         return Kept()
     services = {w.name: w for w in last if isinstance(w, Service)}
@@ -73,30 +74,29 @@ def _former(entry: Mapping[str, Any]) -> Former:
     return Former(_load(entry), tuple(entry["needed_by"]), tuple(entry["groups"]), str(entry["withheld"]))
 
 
-def _request(entry: Mapping[str, Any]) -> Request:
-    return Request(**{**entry, "services": tuple(entry["services"]), "where": Where(**entry["where"])})
-
-
 def _load(entry: Mapping[str, Any]) -> Service | Group:
-    data = entry.get("service") or entry["group"]
-    flat: dict[str, Any] = {
-        **{k: tuple(v) if isinstance(v, list) else v for k, v in data.items()},
-        "where": Where(**data["where"]),
-    }
-    if "service" not in entry:
-        return Group(**flat)
-    idle = data["idle"]
-    flat["idle"] = Idle(**{**idle, "escalate": tuple(idle["escalate"]) if idle["escalate"] else None})
-    flat["update"] = Updating(**data.get("update", {}))
-    flat["joins"] = {name: tuple(options) for name, options in data.get("joins", {}).items()}
-    flat["ros"] = RosParameters(**data["ros"]) if data.get("ros") else None
-    for role in ("ready", "live", "interlock"):
-        flat[role] = _probe(data[role])
-    return Service(**flat)
+    kind = Service if entry.get("service") else Group
+    found: Service | Group = _value(kind, entry["service" if kind is Service else "group"])
+    return found
 
 
-def _probe(data: Mapping[str, Any] | None) -> Probe | None:
-    if data is None:
-        return None
-    target, parts = data["target"], tuple(filter(None, map(_probe, data.get("parts", ()))))
-    return Probe(**{**data, "target": tuple(target) if isinstance(target, list) else target, "parts": parts})
+def _value(kind: Any, plain: Any) -> Any:
+    """The value of a type of the model that asdict() and JSON made plain. Raises TypeError and LookupError for what it
+    does not have."""
+    kinds = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
+    if isinstance(plain, list):
+        items = next((get_args(k) for k in kinds if get_origin(k) is tuple), (Any, ...))
+        each = repeat(items[0]) if items[1:] == (...,) else items
+        return tuple(map(_value, each, plain))
+    if isinstance(plain, dict):
+        made: Any = next(filter(is_dataclass, kinds), None)
+        if made:
+            return made(**{name: _value(_hints(made)[name], value) for name, value in plain.items()})
+        values = next((get_args(k)[1] for k in kinds if get_origin(k) is Mapping), Any)
+        return plain if values is Any else {name: _value(values, value) for name, value in plain.items()}
+    return plain
+
+
+@cache
+def _hints(kind: Any) -> dict[str, Any]:
+    return get_type_hints(kind)
