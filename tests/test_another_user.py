@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 import rorg_client
+from command_samples import SAMPLES
 from conftest import wait_for
 from rorg_process import RorgProcess
 
@@ -27,51 +28,7 @@ SERVICES = {
     "navigation": {"needs": ["roscore"]},
     "base": {"always_on": True, "driver": {"groups": ["dialout"]}},
 }
-LINES = {
-    "init": ["init robot"],
-    "import": ["import roslaunch nosuch.launch"],
-    "validate": ["validate", "validate robot --engine process"],
-    "doctor": ["doctor --engine process", "doctor -o json --engine process"],
-    "diff": ["diff", "diff -o json", "diff {tree}"],
-    "apply": ["apply --yes --wait", "apply {tree} --yes"],
-    "get": ["get", "get services navigation", "get groups -o json", "get images", "get requests -o yaml"],
-    "describe": ["describe base"],
-    "why": ["why navigation", "why driving -o json"],
-    "request": ["request navigation --id tour --wait", "request driving --id drive --ttl 10m"],
-    "release": ["release drive --yes"],
-    "restart": ["restart base --yes --wait"],
-    "retry": ["retry base", "retry base --yes"],
-    "hold": ["hold navigation --for 10m", "hold navigation --end"],
-    "suspend": ["suspend --for 10m --reason lunch", "suspend --end"],
-    "wait": ["wait base"],
-    "events": ["events", "events -o json --tail 3", "events --service base --since 1h"],
-    "history": ["history", "history show 1", "history diff 1", "history export --format protobuf --file all.pb"],
-    "timeline": ["timeline base", "timeline base -o json --since 10m"],
-    "trace": ["trace record --file today.yaml", "trace show today.yaml", "trace generate --duration 10m"],
-    "top": ["top --once", "top -o json"],
-    "logs": ["logs base"],
-    "graph": ["graph", "graph -o dot", "graph images -o json"],
-    "simulate": ["simulate nosuch.yaml robot"],
-    "schema": ["schema schemas"],
-    "completion": ["completion bash"],
-    "run": ["run nowhere"],
-    "build": ["build --manifests robot --engine process"],
-    "image": ["image list"],
-    "demo": ["demo --help"],
-    "emulate": ["emulate nosuch.yaml"],
-    "export": ["export compose robot"],
-    "explain": ["explain service.spec.idle"],
-    "edit": ["edit base"],
-    "fit": ["fit base", "fit -o json --since 1h"],
-    "run-with": ["run-with navigation -- true"],
-    "exec": ["exec base -- true"],
-    "shell": ["shell base"],
-    "cp": ["cp base:/etc/hostname ."],
-    "dev": ["dev base", "dev"],
-    "rollback": ["rollback --print"],
-    "restore": ["restore --at 10m"],
-    "down": ["down --yes"],
-}
+LINES = {name: sample.member for name, sample in SAMPLES.items()}
 """What a member says, command by command; `down` comes last."""
 CODES = {
     "import roslaunch nosuch.launch": {2},

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import commands
 import pytest
+from command_samples import SAMPLES, Line
 from conftest import wait_for
 from robots import Daemon, RealRobot, write_tree
 from rorg_client import Client
@@ -32,60 +33,7 @@ AT_ONCE = 3
 """Commands that run at the same time, most of which only wait."""
 
 
-class Line(NamedTuple):
-    """A line of a command, and whether it names the engine, or rorg, if that does not answer. Other lines just end."""
-
-    words: str
-    engine: bool = False
-    rorg: bool = False
-
-
-BOTH = {"engine": True, "rorg": True}
-LINES = {
-    "init": Line("init {new}/robot"),
-    "import": Line("import systemd {unit} --image debian --output {new}/imported"),
-    "validate": Line("validate {tree}"),
-    "doctor": Line("doctor", **BOTH),
-    "diff": Line("diff", **BOTH),
-    "apply": Line("apply --yes", **BOTH),
-    "run": Line("run {tree}"),
-    "get": Line("get", **BOTH),
-    "describe": Line("describe arm", **BOTH),
-    "why": Line("why arm", **BOTH),
-    "explain": Line("explain service.needs"),
-    "request": Line("request arm --id more", **BOTH),
-    "release": Line("release none", **BOTH),
-    "run-with": Line("run-with arm --timeout 1s -- true", **BOTH),
-    "restart": Line("restart arm --yes", **BOTH),
-    "retry": Line("retry arm --yes", **BOTH),
-    "hold": Line("hold lidar --for 1s --yes", **BOTH),
-    "suspend": Line("suspend --for 1s", **BOTH),
-    "down": Line("down --yes", **BOTH),
-    "wait": Line("wait arm --timeout 1s", **BOTH),
-    "events": Line("events", rorg=True),
-    "history": Line("history", rorg=True),
-    "rollback": Line("rollback --yes"),
-    "restore": Line("restore 2026-01-01T00:00:00Z --yes"),
-    "timeline": Line("timeline arm", rorg=True),
-    "trace": Line("trace record", rorg=True),
-    "top": Line("top --once", **BOTH),
-    "logs": Line("logs arm", **BOTH),
-    "exec": Line("exec arm -- true", engine=True),
-    "shell": Line("shell arm", engine=True),
-    "cp": Line("cp arm:/etc/passwd {new}/passwd", engine=True),
-    "graph": Line("graph", rorg=True),
-    "simulate": Line("simulate {trace} {tree}"),
-    "edit": Line("edit service/arm"),
-    "fit": Line("fit arm", rorg=True),
-    "build": Line("build", engine=True),
-    "image": Line("image list", engine=True),
-    "export": Line("export compose {tree}"),
-    "dev": Line("dev", engine=True),
-    "demo": Line("demo --engine docker", engine=True),
-    "emulate": Line("emulate {trace} {tree} --engine docker", engine=True),
-    "schema": Line("schema Service"),
-    "completion": Line("completion bash"),
-}
+LINES = {name: sample.hang for name, sample in SAMPLES.items()}
 TRACE = """apiVersion: rorg/v1
 kind: Trace
 metadata: {name: day}

@@ -10,6 +10,7 @@ import sys
 
 import pytest
 import yaml
+from command_samples import SAMPLES
 from conftest import ROOT, wait_for
 from robots import write_tree
 from test_thin_commands import GROUPS, SERVICES, robot, rorg  # noqa: F401
@@ -18,20 +19,7 @@ from rorg.cli.commands import COMMANDS, command_of
 from rorg.cli.options import FORMS
 from rorg.cli.signature import parameters
 
-LINES = {
-    "request driving --id tour --ttl 90": (["tour"], {"ttl": 90.0, "services": ["driving"]}),
-    "release tour": (["tour"], {"id": "tour", "requester": "developer"}),
-    "restart base": (["base"], {"service": "base"}),
-    "hold spare --for 1m30s": (["spare"], {"seconds": 90.0, "held": True}),
-    "suspend --for 10": (["rorg"], {"seconds": 10.0, "suspended": True}),
-    "wait base --timeout 20s": (["base"], {"ready": True}),
-    "why base": (["base"], {"service": "base", "wanted": True}),
-    "graph": (["base", "developer", "navigation", "roscore", "spare"], {"services": list}),
-    "top": (["base", "spare"], {"services": list, "machine": dict, "pressure": dict}),
-    "validate": ([], None),
-    "apply --yes": ([], {"actions": [], "waitings": list}),
-    "diff": ([], {"actions": [], "waitings": list}),
-}
+LINES = {line: shown for sample in SAMPLES.values() for line, shown in sample.forms.items()}
 """Line -> what -o name prints, and some of what -o json says of the first thing."""
 
 

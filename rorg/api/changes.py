@@ -5,10 +5,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Annotated, Any, NamedTuple
+
+from pydantic import Field
 
 from rorg.api.current import Current
-from rorg.api.inputs import HoldsBody, RetryBody, seconds_of
+from rorg.api.inputs import Body, Force, ServiceName, Short, seconds_of
 from rorg.core.affected import Affected, by_hold, by_release, by_restart
 from rorg.core.requests import MOST_TOLD, Problem, mistakes, problems
 from rorg.errors import Invalid, Refused, Unconfirmed
@@ -100,6 +102,15 @@ def _ask(what: str, affected: Affected) -> None:
         raise Unconfirmed(what, str(affected), "to confirm it with force", affected.names)
 
 
+class RetryBody(Body):
+    """What to retry."""
+
+    services: Annotated[list[ServiceName], Field(min_length=1, max_length=300)] = Field(
+        description="Services and groups with a failed change."
+    )
+    force: Force = False
+
+
 def retry(current: Current, body: RetryBody, now: float) -> Change:
     """Asks at `now`, in seconds since the epoch, to retry failed changes of services and groups; with a service, those
     of its set that keep it from its own change. Raises Missing; Refused for a name without a failed change;
@@ -120,6 +131,17 @@ def retry(current: Current, body: RetryBody, now: float) -> Change:
         return replace(document, retries={**document.retries, **dict.fromkeys(names, stamp(now))})
 
     return _about(Change(edit, "retry", f"another try of {', '.join(names)}", names))
+
+
+class HoldsBody(Body):
+    """Several services: how long, and why."""
+
+    services: Annotated[list[ServiceName], Field(min_length=1, max_length=300)]
+    duration: Annotated[str, Field(max_length=20)] | None = Field(
+        default=None, description="How long, such as 10m; null ends the holds."
+    )
+    reason: Short = ""
+    force: Force = False
 
 
 def hold(current: Current, body: HoldsBody, now: float) -> Change:
@@ -189,3 +211,38 @@ def up() -> Change:
 def _about(change: Change) -> Change:
     """The change, with its services named in its event."""
     return replace(change, about={"services": list(change.services)})
+
+
+class Operation(NamedTuple):
+    """An operation on services that the API, and commands with and without a running rorg, offer in the same way."""
+
+    name: str
+    """Of the permission that it needs, which only people have."""
+    words: str
+    """For "cannot X"."""
+    body: type[Body]
+    change: Callable[[Current, Any, float], Change]
+    """Of the current robot, the body, and the time in seconds since the epoch."""
+    about: str
+    """For the schema."""
+
+
+OPERATIONS: Mapping[str, Operation] = {
+    "POST /v1/retries": Operation(
+        "retry",
+        "retry failed changes",
+        RetryBody,
+        retry,
+        "Retry failed changes of services without editing anything: all of them or none. If that replaces a driver or "
+        "restarts other services, it needs `force`: the refusal names them in `confirm`.",
+    ),
+    "PUT /v1/holds": Operation(
+        "hold",
+        "hold services",
+        HoldsBody,
+        hold,
+        "Keep services and groups from being active for a time, all of them or none; without a duration, end that. "
+        "`force` as for one of them.",
+    ),
+}
+"""By method and path. The answer names the services, in the form of `Held`."""

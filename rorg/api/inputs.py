@@ -101,26 +101,6 @@ class HoldBody(SuspendBody):
     force: Force = False
 
 
-class HoldsBody(Body):
-    """Several services: how long, and why."""
-
-    services: Annotated[list[ServiceName], Field(min_length=1, max_length=300)]
-    duration: Annotated[str, Field(max_length=20)] | None = Field(
-        default=None, description="How long, such as 10m; null ends the holds."
-    )
-    reason: Short = ""
-    force: Force = False
-
-
-class RetryBody(Body):
-    """What to retry."""
-
-    services: Annotated[list[ServiceName], Field(min_length=1, max_length=300)] = Field(
-        description="Services and groups with a failed change."
-    )
-    force: Force = False
-
-
 class ConfirmBody(Body):
     """A person's confirmation that services are removed."""
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import time
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import FastAPI, Query
 from fastapi.responses import Response
 
 from rorg.api import changes
 from rorg.api.callers import Requester, Who, accepted, applied, needs
-from rorg.api.inputs import ConfirmBody, DownBody, HoldBody, HoldsBody, RetryBody, SuspendBody, seconds_of
+from rorg.api.inputs import ConfirmBody, DownBody, HoldBody, SuspendBody, seconds_of
 from rorg.api.models import Held
 from rorg.api.operations import Operations
 from rorg.api.permissions import allow_restart
@@ -22,6 +22,8 @@ def add_operating(app: FastAPI, operations: Operations) -> None:
     """Adds the routes."""
     _add_holds(app, operations)
     _add_down(app, operations)
+    for call, operation in changes.OPERATIONS.items():
+        _add_operation(app, operations, call, operation)
 
     @app.post("/v1/services/{name}/restart", dependencies=[needs("restart")], response_model=Held)
     async def restart(  # caller_of reads the requester; here it is for the schema
@@ -35,12 +37,6 @@ def add_operating(app: FastAPI, operations: Operations) -> None:
         allow_restart(caller, name, operations.catalog)
         return await applied(operations, caller, changes.restart(operations.current, name, force, time.time()), True)
 
-    @app.post("/v1/retries", dependencies=[needs("retry")], response_model=Held)
-    async def retry(body: RetryBody, caller: Who) -> Response:
-        """Retry failed changes of services without editing anything: all of them or none. If that replaces a driver or
-        restarts other services, it needs `force`: the refusal names them in `confirm`."""
-        return await applied(operations, caller, changes.retry(operations.current, body, time.time()), True)
-
     @app.put("/v1/removals", dependencies=[needs("removals")], status_code=204, response_class=Response)
     async def confirm(body: ConfirmBody, caller: Who) -> Response:
         """Confirm the removal of what no manifest declares any more, although a request, a need or a group named it."""
@@ -52,6 +48,23 @@ def add_operating(app: FastAPI, operations: Operations) -> None:
     ) -> Response:
         """Fetch the repository that rorg follows now, and answer with the result. Refused if rorg follows none."""
         return accepted(*await asyncio.to_thread(operations.fetch, seconds))
+
+
+def _add_operation(app: FastAPI, operations: Operations, call: str, operation: changes.Operation) -> None:
+    async def change(body: Any, caller: Who) -> Response:
+        return await applied(operations, caller, operation.change(operations.current, body, time.time()), True)
+
+    change.__annotations__["body"] = operation.body
+    method, path = call.split()
+    app.add_api_route(
+        path,
+        change,
+        methods=[method],
+        name=operation.name,
+        description=operation.about,
+        dependencies=[needs(operation.name)],
+        response_model=Held,
+    )
 
 
 def _add_down(app: FastAPI, operations: Operations) -> None:
@@ -69,25 +82,19 @@ def _add_down(app: FastAPI, operations: Operations) -> None:
 
 
 def _add_holds(app: FastAPI, operations: Operations) -> None:
-    async def held(caller: Who, body: HoldsBody, named: bool = True) -> Response:
+    async def held(caller: Who, body: changes.HoldsBody, named: bool = True) -> Response:
         return await applied(operations, caller, changes.hold(operations.current, body, time.time()), named)
 
     @app.put("/v1/holds/{name}", dependencies=[needs("hold")], response_model=Held)
     async def hold(name: str, body: HoldBody, caller: Who) -> Response:
         """Keep a service, or those of a group, from being active for a time, regardless of requests. If that stops a
         driver or other services, it needs `force`: the refusal names them in `confirm`."""
-        return await held(caller, HoldsBody.model_construct(services=[name], **body.model_dump()))
-
-    @app.put("/v1/holds", dependencies=[needs("hold")], response_model=Held)
-    async def hold_all(body: HoldsBody, caller: Who) -> Response:
-        """Keep services and groups from being active for a time, all of them or none; without a duration, end that.
-        `force` as for one of them."""
-        return await held(caller, body)
+        return await held(caller, changes.HoldsBody.model_construct(services=[name], **body.model_dump()))
 
     @app.delete("/v1/holds/{name}", dependencies=[needs("hold")], status_code=204, response_class=Response)
     async def unhold(name: str, caller: Who) -> Response:
         """End the hold of a service, or of those of a group."""
-        return await held(caller, HoldsBody.model_construct(services=[name]), named=False)
+        return await held(caller, changes.HoldsBody.model_construct(services=[name]), named=False)
 
     @app.put("/v1/suspension", dependencies=[needs("suspend")], status_code=204, response_class=Response)
     async def suspend(body: SuspendBody, caller: Who) -> Response:

@@ -10,6 +10,7 @@ import socket
 import struct
 from dataclasses import dataclass, replace
 
+from rorg.api import changes
 from rorg.errors import Forbidden
 from rorg.model.catalog import DEVELOPER, EVERY, Catalog, Service
 
@@ -18,8 +19,6 @@ _TABLE = {
     "read": (BOTH, "see how services are"),
     "request": (BOTH, "request services"),
     "restart": (BOTH, "restart services"),
-    "retry": (PEOPLE, "retry failed changes"),
-    "hold": (PEOPLE, "hold services"),
     "suspend": (PEOPLE, "suspend rorg"),
     "manifests": (BOTH, "see or change manifests"),
     "removals": (PEOPLE, "confirm removals"),
@@ -29,6 +28,7 @@ _TABLE = {
     "logs": (PEOPLE, "read logs"),
     "events": (BOTH, "see events"),
     "history": (PEOPLE, "see the history"),
+    **{operation.name: (PEOPLE, operation.words) for operation in changes.OPERATIONS.values()},
 }
 """Operation -> who may, and the words for "cannot X"."""
 OPERATIONS = {operation: callers for operation, (callers, _) in _TABLE.items()}

@@ -30,7 +30,7 @@ def command(
     length = None if end else format_duration(duration or 0.0)
     body = {"services": services, "duration": length, "reason": reason}
     robot = operating(context)
-    names = confirmed(lambda force: robot.hold({**body, "force": force}), yes, "Hold")
+    names = confirmed(lambda force: robot.change("PUT /v1/holds", body, force), yes, "Hold")
     text = f"{', '.join(names)} " + ("no longer held" if end else f"held for {format_seconds(duration or 0.0)}")
     rows = [{"service": n, "held": not end, "seconds": None if end else duration, "reason": reason} for n in names]
     print_rows(rows, output, ("service", "held", "seconds", "reason"), text=text)

@@ -13,7 +13,7 @@ from typing import Any
 from rorg.api import changes, views
 from rorg.api.changes import Change
 from rorg.api.current import Current
-from rorg.api.inputs import HoldsBody, PutRequest, RetryBody, SuspendBody, read, request_of, seconds_of
+from rorg.api.inputs import PutRequest, SuspendBody, read, request_of, seconds_of
 from rorg.cli.context import Context
 from rorg.cli.local import decision, glance
 from rorg.cli.places import nobody
@@ -64,12 +64,10 @@ class Local:
     def restart(self, name: str, force: bool) -> list[str]:
         return self._do(changes.restart(self.current, name, force, time.time()))
 
-    def retry(self, names: list[str], force: bool) -> list[str]:
-        body = read(RetryBody, {"services": names, "force": force})
-        return self._do(changes.retry(self.current, body, time.time()))
-
-    def hold(self, body: dict[str, Any]) -> list[str]:
-        return self._do(changes.hold(self.current, read(HoldsBody, body), time.time()))
+    def change(self, call: str, body: dict[str, Any], force: bool) -> list[str]:
+        operation = changes.OPERATIONS[call]
+        read_body = read(operation.body, {**body, "force": force})
+        return self._do(operation.change(self.current, read_body, time.time()))
 
     def suspend(self, body: dict[str, Any] | None) -> None:
         asked = read(SuspendBody, body) if body else None

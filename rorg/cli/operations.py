@@ -45,16 +45,11 @@ class Served:
         self._addressable(name)
         return self._do(restart(name, force))
 
-    def retry(self, names: list[str], force: bool) -> list[str]:
-        """Retries failed changes of services; their names. Raises Unconfirmed."""
-        # An older rorg refuses the field `force`.
-        return self._do(
-            Call("POST", "/v1/retries", {"services": names} | ({"force": True} if force else {}), "services")
-        )
-
-    def hold(self, body: dict[str, Any]) -> list[str]:
-        """Holds services, or ends that; their names. Raises Unconfirmed."""
-        return self._do(Call("PUT", "/v1/holds", body, "services"))
+    def change(self, call: str, body: dict[str, Any], force: bool) -> list[str]:
+        """Does one of the OPERATIONS of rorg/api/changes.py; the names of its services. Raises Unconfirmed."""
+        method, path = call.split()
+        # An older rorg refuses the field `force` of some calls.
+        return self._do(Call(method, path, body | ({"force": True} if force else {}), "services"))
 
     def suspend(self, body: dict[str, Any] | None) -> None:
         """Suspends rorg; None ends that."""

@@ -14,6 +14,6 @@ def command(context: RobotEngine, services: ServiceNames, yes: Yes = False, outp
     Example: rorg retry navigation
     """
     robot = operating(context)
-    names = confirmed(lambda force: robot.retry(services, force), yes, "Retry")
+    names = confirmed(lambda force: robot.change("POST /v1/retries", {"services": services}, force), yes, "Retry")
     rows = [{"service": name} for name in names]
     print_rows(rows, output, ("service",), text=f"{', '.join(names)}: the change is tried again")
