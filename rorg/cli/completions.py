@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from rorg.cli.commands import ALIASES, COMMANDS, command_of
 from rorg.cli.context import Context
-from rorg.cli.options import DIRECTORIES, FILES, GROUPS, NAMES_OF_KIND, REQUESTS, SERVICES, Argument, Option
+from rorg.cli.options import DIRECTORIES, FILES, KINDS, NAMES_OF_KIND, Argument, Option
 from rorg.cli.signature import Parameter, parameters
 
 PATIENCE = 1.0
@@ -23,17 +23,6 @@ NAME = re.compile(
     r"""^metadata:\s*(?:\{[^}\n]*?|(?:.*\n\s+)*?)\bname:\s*["']?([\w.-]+(?:[/:][\w.-]+)*)""", re.MULTILINE
 )
 KIND = re.compile(r"^kind:\s*(\w+)", re.MULTILINE)
-KINDS = {
-    "service": (SERVICES, "service", "svc"),
-    "group": (GROUPS, "group"),
-    "image": ("images", "image"),
-    "network": ("networks", "network"),
-    "volume": ("volumes", "volume"),
-    "profile": ("profiles", "profile"),
-    "policy": ("policies", "policy"),
-    "request": (REQUESTS, "request"),
-}
-"""Kind in lower case -> its names in a command line; the first is the folder of its manifests."""
 
 
 class Given(NamedTuple):

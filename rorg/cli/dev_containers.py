@@ -11,7 +11,7 @@ from typing import Any
 
 from rorg.cli.context import Context
 from rorg.cli.exec import NO_PROGRAM
-from rorg.cli.output import consent, missing, note
+from rorg.cli.output import consent, disk_errors, missing, note
 from rorg.cli.shell import BASH_OR_SH
 from rorg.core.desired import desire
 from rorg.core.devices import given
@@ -258,7 +258,7 @@ class Developing:
         """Writes the container's file for editors. Raises Refused for a file that rorg did not write."""
         path = Path(wish.developer.workspace) / ".devcontainer" / "devcontainer.json"
         what, person = f"write {path}", wish.person
-        try:
+        with disk_errors(what, "another --workspace"):
             foreign = path.exists() and not written_by_rorg(path.read_bytes())
             if foreign and not yes:
                 consent(what, f"{path} is not rorg's. Overwrite it?", "that file is not rorg's")
@@ -270,6 +270,4 @@ class Developing:
                 path.parent.mkdir()
                 os.chown(path.parent, person.uid, person.gid)
             write_atomic(path, json.dumps(found, indent=2) + "\n", mode=0o644, owner=(person.uid, person.gid))
-        except OSError as error:
-            raise Invalid(what, error.strerror or str(error), "another --workspace") from error
         note(f"{path} is written" + (f"; it cannot express {', '.join(left)}" if left else ""))

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any
 from rorg_client import Client
 from rorg_client import Error as ClientError
 
+from rorg.cli.connection import handshake
 from rorg.cli.context import Context
 from rorg.cli.options import Output, RobotEngine
 from rorg.cli.output import print_rows
-from rorg.cli.places import NAME, handshake, may_connect
+from rorg.cli.places import NAME, may_connect
 from rorg.errors import Exit, Refused, Unreachable
 from rorg.model.engines import capabilities_of
 

@@ -18,7 +18,7 @@ from rorg.cli.options import (
     Argument,
     Tree,
 )
-from rorg.cli.output import echo, missing, note
+from rorg.cli.output import disk_errors, echo, missing, note
 from rorg.errors import Invalid, Refused
 from rorg.model.image_names import stem
 
@@ -113,10 +113,8 @@ def _open(editor: list[str], path: Path, text: str) -> None:
     import subprocess
 
     path.write_text(text, encoding="utf-8")
-    try:
+    with disk_errors(f"open the editor {editor[0]}", "EDITOR=nano"):
         code = subprocess.run([*editor, path]).returncode
-    except OSError as error:
-        raise Invalid(f"open the editor {editor[0]}", error.strerror or str(error), "EDITOR=nano") from error
     if code:
         raise Invalid(f"edit {path.stem}", f"the editor {editor[0]} ended with exit code {code}", "another EDITOR")
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from rorg.cli.context import Context
 from rorg.cli.options import FILES, Argument, Directory, EngineName, Option, Output
-from rorg.cli.output import as_json, note, print_rows, table
+from rorg.cli.output import as_json, disk_errors, note, print_rows, table
 from rorg.errors import Invalid
 from rorg.model.units import format_memory
 
@@ -180,11 +180,8 @@ def _draw(emulation: Emulation, experiment: Experiment, path: Path) -> None:
 
 
 def _save(path: Path, text: str, mode: str = "w") -> None:
-    try:
-        with path.open(mode, encoding="utf-8") as file:
-            file.write(text)
-    except OSError as error:
-        raise Invalid(f"write {path}", error.strerror or str(error), "another file for --save") from error
+    with disk_errors(f"write {path}", "another file for --save"), path.open(mode, encoding="utf-8") as file:
+        file.write(text)
 
 
 def _told(emulation: Emulation) -> str:

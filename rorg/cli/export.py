@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from rorg.cli.options import FILES, Argument, Option, TreeAlone
-from rorg.cli.output import dump, echo, note
-from rorg.errors import Invalid, Refused
+from rorg.cli.output import disk_errors, dump, echo, note
+from rorg.errors import Refused
 from rorg.model.units import counted
 
 if TYPE_CHECKING:
@@ -60,14 +60,12 @@ def _write(exported: Exported, output: Path, force: bool) -> None:
     there = [str(path) for path in texts if path.exists()]
     if there and not force:
         raise Refused("export the robot", f"{', '.join(there)} exists already", "--force, or another --output")
-    try:
+    with disk_errors(f"write {output}", "another --output"):
         output.parent.mkdir(parents=True, exist_ok=True)
         for path, text in texts.items():
             path.unlink(missing_ok=True)
             path.touch(0o600 if path.suffix == ".env" else 0o644)
             path.write_text(text)
-    except OSError as error:
-        raise Invalid(f"write {error.filename}", str(error.strerror), "another --output") from error
 
 
 def _tell(exported: Exported, output: Path | None, form: str) -> None:

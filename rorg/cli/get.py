@@ -10,6 +10,7 @@ from typing import Annotated, Any
 from rorg.cli.context import Context
 from rorg.cli.options import (
     GROUPS,
+    KINDS,
     SERVICES,
     Argument,
     Option,
@@ -21,25 +22,7 @@ from rorg.cli.selection import select
 from rorg.cli.watch import Watch
 from rorg.errors import Invalid
 
-KINDS = {
-    "services": "services",
-    "service": "services",
-    "svc": "services",
-    "groups": "groups",
-    "group": "groups",
-    "images": "images",
-    "image": "images",
-    "networks": "networks",
-    "network": "networks",
-    "volumes": "volumes",
-    "volume": "volumes",
-    "profiles": "profiles",
-    "profile": "profiles",
-    "policies": "policies",
-    "policy": "policies",
-    "requests": "requests",
-    "request": "requests",
-}
+KIND_OF = {name: names[0] for names in KINDS.values() for name in names}
 Found = tuple[list[dict[str, Any]], list[Any]]
 """(rows for people, values for YAML and JSON)."""
 
@@ -75,14 +58,14 @@ def command(
         end_with_reader()
         show = Watch().show
     words = list(what or ())
-    named = bool(words) and words[0] in KINDS
-    kind = KINDS[words.pop(0)] if named else "services"
+    named = bool(words) and words[0] in KIND_OF
+    kind = KIND_OF[words.pop(0)] if named else "services"
     sort = SORTS[sort_by]
     if kind != "services" and (label or group or sort_by != "name"):
         _only_services(kind)
     while True:
         if kind == "services":
-            chosen = select(context, words, label, group, () if named else KINDS.values())
+            chosen = select(context, words, label, group, () if named else KIND_OF.values())
             rows, full = service_rows(sorted(chosen, key=sort))
         else:
             rows, full = ROWS[kind](context, words)

@@ -13,7 +13,7 @@ from rorg.cli.options import (
     Tree,
     Yes,
 )
-from rorg.cli.output import consent, missing, note, print_rows
+from rorg.cli.output import consent, disk_errors, missing, note, print_rows
 from rorg.errors import EngineError, Invalid, NotReady, Refused
 from rorg.model.engines import capabilities_of
 from rorg.model.image_names import declared
@@ -155,14 +155,14 @@ def _save(robot: _Robot, path: Path, names: list[str]) -> None:
     part = path.with_name(f".{path.name}.part")
     try:
         with (
+            disk_errors(f"write {path}", "another place"),
             docker_errors("save images"),
             part.open("wb") as file,
             robot.engine.client.stream("GET", "/images/get", names=tuple(references)) as stream,
         ):
             write_archive(iter(stream.read, b""), saved, file)
-        part.replace(path)
-    except OSError as error:
-        raise Invalid(f"write {path}", error.strerror or str(error), "another place") from error
+        with disk_errors(f"write {path}", "another place"):
+            part.replace(path)
     finally:
         part.unlink(missing_ok=True)
     note(f"{counted(len(references), 'image')} in {path}")
@@ -174,17 +174,14 @@ def _load(robot: _Robot, path: Path) -> None:
     from rorg.regular_file import open_regular
 
     loaded, what = 0, f"load {path}"
-    try:
-        with open_regular(path) as file:
-            built = read_records(file, str(path))
-            file.seek(0)
-            with library_errors(what):
-                for line in robot.engine.api().load_image(file):
-                    if "error" in line:
-                        raise EngineError(what, str(line["error"]), "an archive that `rorg image save` wrote")
-                    loaded += "Loaded image" in str(line.get("stream", ""))
-    except OSError as error:
-        raise Invalid(f"read {path}", error.strerror or str(error), "the file that `rorg image save` wrote") from error
+    with disk_errors(f"read {path}", "the file that `rorg image save` wrote"), open_regular(path) as file:
+        built = read_records(file, str(path))
+        file.seek(0)
+        with library_errors(what):
+            for line in robot.engine.api().load_image(file):
+                if "error" in line:
+                    raise EngineError(what, str(line["error"]), "an archive that `rorg image save` wrote")
+                loaded += "Loaded image" in str(line.get("stream", ""))
     if not loaded:
         raise Invalid(what, "it contains no image", "an archive that `rorg image save` wrote")
     robot.context.state.prepare()

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 from rorg.cli.differences import line
 from rorg.cli.options import DIRECTORIES, FILES, FORMS, Argument, Option
-from rorg.cli.output import dump, note, print_rows
+from rorg.cli.output import disk_errors, dump, note, print_rows
 from rorg.errors import Invalid, Refused
 from rorg.model.units import counted
 
@@ -124,10 +124,8 @@ def _systemd(paths: list[Path], image: str, output: Path) -> Imported:
 
     texts = {}
     for path in paths:
-        try:
+        with disk_errors(f"read {path}", "another file"):
             texts[path] = Reader(path, [path])(path)
-        except OSError as error:
-            raise Invalid(f"read {path}", error.strerror or str(error), "another file") from error
     return from_systemd(texts, image, output.resolve())
 
 
@@ -167,11 +165,8 @@ def _write(imported: Imported, output: Path, force: bool) -> None:
     if there and not force:
         some = ", ".join(there[:3]) + (f" and {len(there) - 3} more" if len(there) > 3 else "")
         raise Refused(f"write manifests into {output}", f"{some} exists already", "--force, or another --output")
-    try:
+    with disk_errors(f"write manifests into {output}", "another --output"):
         write_tree(imported, output)
-    except OSError as error:
-        why = f"{error.filename}: {error.strerror}"
-        raise Invalid(f"write manifests into {output}", why, "another --output") from error
 
 
 def _tell(imported: Imported, output: Path, form: str) -> None:

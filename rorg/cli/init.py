@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Annotated
 
 from rorg.cli.options import Argument
-from rorg.cli.output import note
-from rorg.errors import Invalid, Refused
+from rorg.cli.output import disk_errors, note
+from rorg.errors import Refused
 
 TEMPLATE = Path(__file__).parent / "first_robot"
 NEXT = """{name} is a robot of three services{git}. Next:
@@ -31,15 +31,11 @@ def command(
     there = [str(place) for place in (*files, Path("schemas")) if (directory / place).exists()]
     if there:
         raise Refused(f"write a robot into {directory}", f"{', '.join(there)} already exists", "another directory")
-    try:
+    with disk_errors(f"write a robot into {directory}", "another one"):
         for place, path in files.items():
             (directory / place).parent.mkdir(parents=True, exist_ok=True)
             (directory / place).write_bytes(path.read_bytes())
         write(directory / "schemas", check=False)
-    except OSError as error:
-        raise Invalid(
-            f"write a robot into {directory}", f"{error.filename}: {error.strerror}", "another one"
-        ) from error
     change = "" if directory == Path(".") else f"  cd {directory}\n"
     note(NEXT.format(name=directory.resolve().name, git=_committed(directory), cd=change))
 

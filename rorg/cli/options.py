@@ -21,6 +21,17 @@ NAMES_OF_KIND = "names of kind"
 """Names of the kind that is the first argument."""
 FILES, DIRECTORIES = ":files", ":directories"
 """Completed by the shell."""
+KINDS = {
+    "service": (SERVICES, "service", "svc"),
+    "group": (GROUPS, "group"),
+    "image": ("images", "image"),
+    "network": ("networks", "network"),
+    "volume": ("volumes", "volume"),
+    "profile": ("profiles", "profile"),
+    "policy": ("policies", "policy"),
+    "request": (REQUESTS, "request"),
+}
+"""Kind in lower case -> its names in a command line; the first is the folder of its manifests."""
 
 
 class Argument(NamedTuple):

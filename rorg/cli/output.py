@@ -65,6 +65,16 @@ def consent(what: str, question: str, why: str = "it needs confirmation") -> Non
         raise Refused(what, "you answered no")
 
 
+@contextlib.contextmanager
+def disk_errors(what: str, remedy: str) -> Iterator[None]:
+    """Turns what the disk refuses in the block into Invalid for `what`, with the file if `what` does not name it."""
+    try:
+        yield
+    except OSError as error:
+        file = "" if not error.filename or str(error.filename) in what else f"{error.filename}: "
+        raise Invalid(what, f"{file}{error.strerror or error}", remedy) from error
+
+
 def dump(value: Any, form: str) -> None:
     """Prints JSON or YAML, which escape special characters themselves."""
     value = shown(value)

@@ -1,20 +1,12 @@
-"""Where commands find the robot: a given socket or state directory, the machine's robot, or the user's own. And the
-first call to a running rorg: does it answer?
-
-Every command makes that call first, with a deadline, so that no one waits for an rorg that is stuck. A socket file
-proves nothing: it remains after `kill -9`, and connecting is refused.
-"""
+"""Where commands find the robot: a given socket or state directory, the machine's robot, or the user's own. A socket
+file proves nothing: it remains after `kill -9`, and connecting is refused."""
 
 from __future__ import annotations
 
-import json
 import os
 import socket
-import struct
 from pathlib import Path
-from typing import Any, NamedTuple
-
-from rorg_client import Client
+from typing import NamedTuple
 
 from rorg.errors import Refused, Unreachable
 from rorg.store.state_dir import MACHINE, StateDir, default_state_dir
@@ -116,32 +108,6 @@ def nobody(what: str, state: StateDir) -> Unreachable:
     return Unreachable(what, f"{why}; start one with `rorg run`, or name another with --state-dir")
 
 
-ANSWER = 2.0
-"""Seconds within which a working rorg answers, however busy it is."""
-
-
-def handshake(client: Client) -> dict[str, Any]:
-    """What rorg answers about its engine (EngineView); empty if it cannot be reached: the next call tries for longer.
-    Raises Unreachable if an rorg is there and does not answer."""
-    from rorg_client.connection import Connection
-    from rorg_client.wire import asking, reading
-
-    connection = None
-    try:
-        connection = Connection(client.address, ANSWER)
-        connection.send(asking("GET", "/v1/engine", None, {}), ANSWER)
-        answer = connection.drive(reading())
-        found = json.loads(answer.body) if answer.status == 200 else {}
-    except TimeoutError as error:
-        raise _silent(str(client.address), connection.socket if connection else None) from error
-    except (OSError, ValueError):
-        return {}
-    finally:
-        if connection:
-            connection.close()
-    return found if isinstance(found, dict) else {}
-
-
 def is_stale(path: str) -> bool:
     """Whether nothing listens at a socket: it is missing, or its process is gone."""
     if not os.path.exists(path):
@@ -157,27 +123,3 @@ def is_stale(path: str) -> bool:
     finally:
         probe.close()
     return False
-
-
-def _silent(where: str, connection: socket.socket | None) -> Unreachable:
-    pid = _pid(connection)
-    who = f"rorg (pid {pid}) has not answered" if pid else "it has not answered"
-    if pid and _stopped(pid):
-        return Unreachable(f"reach rorg on {where}", f"{who} within {ANSWER:g} s: it is stopped", f"`kill -CONT {pid}`")
-    return Unreachable(f"reach rorg on {where}", f"{who} within {ANSWER:g} s", "`rorg doctor`, or start it again")
-
-
-def _pid(connection: socket.socket | None) -> int:
-    """The pid of the process that listens at the other end; 0 if unknown."""
-    if connection is None or connection.family != socket.AF_UNIX:
-        return 0
-    told = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i"))
-    return int(struct.unpack("3i", told)[0])
-
-
-def _stopped(pid: int) -> bool:
-    try:
-        with open(f"/proc/{pid}/stat", "rb") as file:
-            return file.read().rpartition(b")")[2].split()[0] in (b"T", b"t")
-    except (OSError, IndexError):
-        return False

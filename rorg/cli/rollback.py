@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from functools import partial
+from typing import Annotated
 
 from rorg.cli.apply import agree
-from rorg.cli.differences import Differences
 from rorg.cli.options import (
     SERVICES,
     Argument,
@@ -43,9 +43,6 @@ def command(
     all_committed(root, context.robot)
     wanted = restoring(root, context.robot, goal, service)
     what = f"roll {service or 'the manifests'} back"
-
-    def agreed(owner: dict[str, Any] | None, shown: Differences) -> None:
-        agree(context, owner, shown, what, f"{wanted.message}?", yes)
-
+    agreed = partial(agree, context, what=what, question=f"{wanted.message}?", yes=yes)
     if not go_back(context, root, wanted, agreed, "rorg rollback", (wait, timeout)):
         note(f"{wanted.message}: the same already")

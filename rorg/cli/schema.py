@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 from rorg.cli.options import Argument
-from rorg.cli.output import note
-from rorg.errors import Invalid
+from rorg.cli.output import disk_errors, note
 
 
 def command(
@@ -19,10 +18,6 @@ def command(
     """
     from rorg.manifest.schema import write
 
-    try:
+    with disk_errors(f"write schemas into {directory}", "another one"):
         written = write(directory, check=False)
-    except OSError as error:
-        raise Invalid(
-            f"write schemas into {directory}", f"{error.filename}: {error.strerror}", "another one"
-        ) from error
     note(f"{directory}: {', '.join(written)} written" if written else f"{directory} is up to date")

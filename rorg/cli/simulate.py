@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from rorg.cli.context import Context
 from rorg.cli.options import FILES, Argument, Directory, Option, Output, duration
-from rorg.cli.output import print_rows
+from rorg.cli.output import disk_errors, print_rows
 from rorg.errors import Invalid
 from rorg.model.units import format_memory
 
@@ -116,13 +116,10 @@ def _write(results: Sequence[RunResult], trace: Trace, path: Path) -> None:
 
     from rorg.sim.report import SERIES, series
 
-    try:
-        with path.open("w", newline="") as file:
-            writer = csv.writer(file)
-            writer.writerow(SERIES)
-            writer.writerows(series(results, trace))
-    except OSError as error:
-        raise Invalid(f"write {path}", error.strerror or str(error), "another file by --csv") from error
+    with disk_errors(f"write {path}", "another file by --csv"), path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(SERIES)
+        writer.writerows(series(results, trace))
 
 
 ALL_ON, DECLARED = "all-on", "as-declared"
@@ -233,10 +230,7 @@ def write_csv(found: Sequence[Tried], file: Path) -> None:
     rows = [{**one.as_json(), **one.variant.settings} for one in found]
     settings = dict.fromkeys(key for one in found for key in one.variant.settings)
     columns = ["run", *settings, *(key for key in found[0].as_json() if key not in ("run", "settings"))]
-    try:
-        with file.open("w", newline="") as to:
-            writer = csv.DictWriter(to, columns, extrasaction="ignore", lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(rows)
-    except OSError as error:
-        raise Invalid(f"write {file}", error.strerror or str(error), "another file") from error
+    with disk_errors(f"write {file}", "another file"), file.open("w", newline="") as to:
+        writer = csv.DictWriter(to, columns, extrasaction="ignore", lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from rorg.cli.context import Context
 from rorg.cli.options import FILES, Argument, Option, Output, Robot, duration, moment
-from rorg.cli.output import echo, note, print_rows
+from rorg.cli.output import disk_errors, echo, note, print_rows
 from rorg.cli.records import records_of
 from rorg.errors import Invalid
 from rorg.model.units import NAME, counted, format_seconds, parse_time
@@ -105,10 +105,8 @@ def _write(trace: Trace, file: Path | None) -> None:
     if file is None:
         echo(text, end="")
         return
-    try:
+    with disk_errors(f"write {file}", "another file"):
         file.write_text(text)
-    except OSError as error:
-        raise Invalid(f"write {file}", error.strerror or str(error), "another file") from error
 
 
 def _show(file: Path, output: str) -> None:

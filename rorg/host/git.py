@@ -9,7 +9,7 @@ from pathlib import Path
 
 import psutil
 
-from rorg.host.git_process import PATIENCE, ask_git, repository, run_git
+from rorg.host.git_process import ask_git, git_text, repository, run_git
 from rorg.model.units import stamp
 
 COMMIT_PATIENCE = 60.0
@@ -38,12 +38,6 @@ class Commit:
     """Whether files of the tree differ from it."""
 
 
-def _git(directory: Path, *words: str, patience: float = PATIENCE) -> str | None:
-    """git's output; None if git refuses, prints too much, or takes too long."""
-    said = ask_git(directory, *words, patience=patience)
-    return said.text if said.yes else None
-
-
 def identity(home: str) -> dict[str, str]:
     """Name and address of the person with this home, as git's variables for a committer without a ~/.gitconfig."""
     found: dict[str, str] = {}
@@ -55,22 +49,22 @@ def identity(home: str) -> dict[str, str]:
 
 def git_dir(directory: Path) -> Path | None:
     """The repository's folder (.git, or a worktree's), or None outside of one."""
-    found = _git(directory, "rev-parse", "--absolute-git-dir")
+    found = git_text(directory, "rev-parse", "--absolute-git-dir")
     return Path(found) if found else None
 
 
 def revision(directory: Path) -> str:
     """The short commit of the tree, with `+` if files differ from it; empty outside of a repository."""
-    commit = _git(directory, "rev-parse", "--short", "HEAD")
+    commit = git_text(directory, "rev-parse", "--short", "HEAD")
     if not commit:
         return ""
-    return commit + ("+" if _git(directory, "status", "--porcelain", "--", str(directory)) else "")
+    return commit + ("+" if git_text(directory, "status", "--porcelain", "--", str(directory)) else "")
 
 
 def commit_of(directory: Path, name: str) -> str:
     """The commit that git understands by a name (HEAD~2, a tag, a branch); empty if there is none."""
     asked = f"{name}^{{commit}}"
-    return _git(directory, "rev-parse", "--verify", "--quiet", "--end-of-options", asked) or ""
+    return git_text(directory, "rev-parse", "--verify", "--quiet", "--end-of-options", asked)
 
 
 def refusal(directory: Path) -> str:
@@ -87,7 +81,7 @@ def refusal(directory: Path) -> str:
 def head(directory: Path) -> Commit | None:
     """The commit of a tree; None outside of a repository, before its first commit, and if git refuses."""
     words = ("log", "-1", "--no-show-signature", "--encoding=UTF-8", "--format=%H%n%ct%n%an%n%s%n.")
-    lines = (_git(directory, *words) or "").split("\n")
+    lines = git_text(directory, *words).split("\n")
     if len(lines) != 5:
         return None
     commit, seconds, author, subject, _ = lines
@@ -95,7 +89,7 @@ def head(directory: Path) -> Commit | None:
         at = stamp(int(seconds))
     except (OverflowError, ValueError, OSError):  # git takes any number
         at = ""
-    dirty = bool(_git(directory, "status", "--porcelain", "--", str(directory)))
+    dirty = bool(git_text(directory, "status", "--porcelain", "--", str(directory)))
     return Commit(commit, author[:LONGEST], subject[:LONGEST], at, dirty)
 
 
@@ -119,7 +113,8 @@ def checkout_under_way(git: Path | None) -> bool:
 
 def committed(root: Path, path: Path) -> bool:
     """Whether git has nothing to commit for a file; also true outside of a repository."""
-    return git_dir(root) is None or _git(root, "status", "--porcelain", "--", str(path)) == ""
+    said = ask_git(root, "status", "--porcelain", "--", str(path))
+    return (said.yes and not said.text) or git_dir(root) is None
 
 
 def wait_for_locks(root: Path, since: float) -> None:
@@ -153,6 +148,6 @@ def commit(root: Path, path: Path, author: str, message: str) -> bool:
         return False
     address = f"{author.replace(' ', '.')}@rorg.local"
     who = ("-c", "commit.gpgSign=false", "-c", f"user.name={author}", "-c", f"user.email={address}")
-    _git(root, "add", "--all", "--", str(path))
+    git_text(root, "add", "--all", "--", str(path))
     words = ("commit", "--quiet", "--message", message, "--only", "--", str(path))
-    return _git(root, *who, *words, patience=COMMIT_PATIENCE) is not None
+    return ask_git(root, *who, *words, patience=COMMIT_PATIENCE).yes

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from rorg.errors import Refused
 from rorg.host.git import COMMIT_PATIENCE, LONGEST, identity
-from rorg.host.git_process import MISSING, ask_git, owner_of
+from rorg.host.git_process import MISSING, ask_git, git_text, owner_of
 from rorg.host.person import Person
 
 SHORT = 12
@@ -24,7 +24,7 @@ NAMES = ("GIT_AUTHOR_NAME", "GIT_AUTHOR_EMAIL", "GIT_COMMITTER_NAME", "GIT_COMMI
 
 def top_of(directory: Path) -> Path:
     """The top of a directory's work tree. Raises Refused."""
-    found = _said(directory, "rev-parse", "--show-toplevel")
+    found = git_text(directory, "rev-parse", "--show-toplevel")
     if not found:
         why = f"{directory} is in no git repository that this user may read"
         raise Refused(f"commit in {directory}", why, f"`git -C {directory} status` for the reason, or `git init`")
@@ -33,7 +33,7 @@ def top_of(directory: Path) -> Path:
 
 def subject_of(directory: Path, commit: str) -> str:
     """The first line of a commit's message."""
-    return _said(directory, "log", "-1", "--no-show-signature", "--encoding=UTF-8", "--format=%s", commit)[:LONGEST]
+    return git_text(directory, "log", "-1", "--no-show-signature", "--encoding=UTF-8", "--format=%s", commit)[:LONGEST]
 
 
 def changed(top: Path, directory: Path) -> list[str]:
@@ -47,12 +47,6 @@ def unknown(top: Path, files: Sequence[str]) -> list[str]:
     """Those of these files that git does not know. Raises Refused."""
     known = set(_asked(top, f"look at {top}", "ls-files", "-z", "--", *files).split("\0")) if files else set()
     return [path for path in files if path not in known]
-
-
-def _said(directory: Path, *words: str) -> str:
-    """Empty if git refuses."""
-    said = ask_git(directory, *words)
-    return said.text if said.yes else ""
 
 
 @dataclass(frozen=True, slots=True)

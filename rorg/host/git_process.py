@@ -119,6 +119,12 @@ def ask_git(
     return run_git(["-C", str(directory), *words], owner_of(found) if found else None, patience, environment, errors)
 
 
+def git_text(directory: Path, *words: str) -> str:
+    """git's output in a directory; empty if git refuses, prints too much, or takes too long."""
+    said = ask_git(directory, *words)
+    return said.text if said.yes else ""
+
+
 def run_git(
     words: Sequence[str],
     owner: Owner | None = None,
