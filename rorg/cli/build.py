@@ -11,12 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from rorg.cli.options import (
-    Argument,
-    BuildTree,
-    Option,
-    Output,
-)
+from rorg.cli.options import Argument, BuildTree, Option, Output
 from rorg.cli.output import missing, note, print_rows
 from rorg.cli.terminal import entry, printable
 from rorg.errors import NotReady

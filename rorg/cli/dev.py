@@ -6,15 +6,7 @@ import sys
 from pathlib import Path
 from typing import Annotated
 
-from rorg.cli.options import (
-    DIRECTORIES,
-    SERVICES,
-    Argument,
-    Option,
-    Output,
-    RobotManifests,
-    Yes,
-)
+from rorg.cli.options import DIRECTORIES, SERVICES, Argument, Option, Output, RobotManifests, Yes
 from rorg.cli.output import print_rows
 from rorg.errors import Invalid
 

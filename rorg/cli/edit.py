@@ -13,11 +13,7 @@ from typing import Annotated, Any
 from rorg_client import Client
 
 from rorg.cli.context import Context
-from rorg.cli.options import (
-    SERVICES,
-    Argument,
-    Tree,
-)
+from rorg.cli.options import SERVICES, Argument, Tree
 from rorg.cli.output import disk_errors, echo, missing, note
 from rorg.errors import Invalid, Refused
 from rorg.model.image_names import stem

@@ -6,14 +6,7 @@ from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING, Annotated
 
 from rorg.cli.edit import manifests
-from rorg.cli.options import (
-    FORMS,
-    SERVICES,
-    Argument,
-    Option,
-    Tree,
-    moment,
-)
+from rorg.cli.options import FORMS, SERVICES, Argument, Option, Tree, moment
 from rorg.cli.output import echo, missing, note, print_rows
 from rorg.cli.records import records_of
 

@@ -8,15 +8,7 @@ from datetime import datetime
 from typing import Annotated, Any
 
 from rorg.cli.context import Context
-from rorg.cli.options import (
-    GROUPS,
-    KINDS,
-    SERVICES,
-    Argument,
-    Option,
-    Output,
-    RobotManifests,
-)
+from rorg.cli.options import GROUPS, KINDS, SERVICES, Argument, Option, Output, RobotManifests
 from rorg.cli.output import end_with_reader, missing, print_rows
 from rorg.cli.selection import select
 from rorg.cli.watch import Watch

@@ -6,13 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from rorg.cli.context import Context
-from rorg.cli.options import (
-    Argument,
-    Option,
-    Output,
-    Tree,
-    Yes,
-)
+from rorg.cli.options import Argument, Option, Output, Tree, Yes
 from rorg.cli.output import consent, disk_errors, missing, note, print_rows
 from rorg.errors import EngineError, Invalid, NotReady, Refused
 from rorg.model.engines import capabilities_of

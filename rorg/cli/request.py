@@ -7,15 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from rorg_client import check_id
 
 from rorg.cli.operations import Served, operating
-from rorg.cli.options import (
-    Option,
-    Output,
-    RobotEngine,
-    ServiceNames,
-    Timeout,
-    Wait,
-    duration,
-)
+from rorg.cli.options import Option, Output, RobotEngine, ServiceNames, Timeout, Wait, duration
 from rorg.cli.output import note, print_rows
 from rorg.errors import Invalid
 from rorg.model.units import format_duration

@@ -6,15 +6,7 @@ from functools import partial
 from typing import Annotated
 
 from rorg.cli.apply import agree
-from rorg.cli.options import (
-    SERVICES,
-    Argument,
-    Option,
-    Timeout,
-    Tree,
-    Wait,
-    Yes,
-)
+from rorg.cli.options import SERVICES, Argument, Option, Timeout, Tree, Wait, Yes
 from rorg.cli.output import echo, note
 
 

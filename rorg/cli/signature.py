@@ -10,16 +10,7 @@ from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hi
 
 from rorg.cli.context import ROBOT as ROBOT_VARIABLE
 from rorg.cli.context import Context
-from rorg.cli.options import (
-    DIRECTORY,
-    MANIFESTS,
-    ROBOT,
-    SOCKET,
-    STATE_DIR,
-    Argument,
-    ContextOptions,
-    Option,
-)
+from rorg.cli.options import DIRECTORY, MANIFESTS, ROBOT, SOCKET, STATE_DIR, Argument, ContextOptions, Option
 from rorg.errors import Invalid
 
 
