@@ -124,7 +124,12 @@ class Context(Connection):
 
     def groups(self) -> list[dict[str, Any]]:
         """All groups, as the API shows them."""
-        return self.asked("/v1/groups", lambda: _views().groups(self.catalog()))
+        return self.asked("/v1/groups", self._groups)
+
+    def _groups(self) -> list[dict[str, Any]]:
+        from rorg.api.views import groups
+
+        return groups(self.catalog())
 
     def members(self, name: str) -> tuple[str, ...]:
         """The services that a name stands for."""
@@ -175,12 +180,6 @@ class Context(Connection):
             found = view(self)
         self.notices.of(found, bool(self.silence))
         return found
-
-
-def _views() -> Any:
-    from rorg.api import views
-
-    return views
 
 
 def bad_requests(path: Path, told: str) -> Invalid:

@@ -184,17 +184,14 @@ class _Reader:
 
 def render(document: RequestsDocument) -> str:
     """The file's text."""
-    content: dict[str, Any] = {}
-    if document.restarts:
-        content["restarts"] = dict(document.restarts)
-    if document.retries:
-        content["retries"] = dict(document.retries)
-    if document.holds:
-        content["holds"] = {name: _hold(hold) for name, hold in document.holds.items()}
-    if document.suspended:
-        content["suspended"] = _hold(document.suspended)
-    if document.removals:
-        content["removals"] = list(document.removals)
+    content = {
+        "restarts": dict(document.restarts),
+        "retries": dict(document.retries),
+        "holds": {name: _hold(hold) for name, hold in document.holds.items()},
+        "suspended": document.suspended and _hold(document.suspended),
+        "removals": list(document.removals),
+    }
+    content = {key: value for key, value in content.items() if value}
     requests = "".join(_entry(request) for request in document.requests)
     return (
         HEADER
@@ -209,18 +206,10 @@ def render(document: RequestsDocument) -> str:
 def _entry(request: Request) -> str:
     """The text of one request, in a list without indentation. Cached, so that a change of one does not render all
     others again."""
-    entry: dict[str, Any] = {"id": request.id, "requester": request.requester, "services": list(request.services)}
-    if request.reason:
-        entry["reason"] = request.reason
-    if request.incarnation:
-        entry["incarnation"] = request.incarnation
-    if request.priority is not None:
-        entry["priority"] = request.priority
-    if request.ttl is not None:
-        entry["ttl"] = format_duration(request.ttl)
-    if request.renewed:
-        entry["renewed"] = request.renewed
-    return _yaml([entry])
+    entry = {name: getattr(request, name) for name in _FIELDS}
+    entry["services"] = list(request.services)
+    entry["ttl"] = None if request.ttl is None else format_duration(request.ttl)
+    return _yaml([{name: value for name, value in entry.items() if value not in (None, "")}])
 
 
 def _yaml(content: Any) -> str:
