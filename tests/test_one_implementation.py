@@ -31,7 +31,8 @@ KINDS = {
     "requests": {"always": {"requester": "mission", "services": ["roscore"]}},
     "policies": {"policy": {"budget": {"memory": "8Gi", "over": "refuse"}}},
 }
-COMMANDS = [line for sample in SAMPLES.values() for line in sample.alike]
+COMMANDS = [line for sample in reversed(SAMPLES.values()) for line in sample.alike]
+"""In this order, `describe` comes after the changes whose events it shows."""
 NOBODY = "no rorg runs here; it takes effect at the next `rorg run` or `rorg apply`\n"
 """What is said to whoever changes something that nobody does now."""
 NO_LOOP = r"no rorg runs on \S+: this is the state of .*\n"
