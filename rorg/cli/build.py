@@ -8,6 +8,7 @@ import signal
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -83,16 +84,7 @@ def _print_results(called: Mapping[str, str], results: Sequence[Result], output:
     """Raises NotReady if an image is missing."""
     if output != "table":
         rows = [
-            {
-                "image": called.get(r.reference, r.reference),
-                "outcome": r.outcome,
-                "message": r.message,
-                "reference": r.reference,
-                "step": r.step,
-                "seconds": round(r.seconds, 3),
-                "id": r.id,
-                "log": r.log,
-            }
+            {"image": called.get(r.reference, r.reference), **asdict(r), "seconds": round(r.seconds, 3)}
             for r in results
         ]
         print_rows(rows, output, ("image", "outcome"), ("message",), full=rows)
