@@ -59,7 +59,7 @@ def test_the_command_says_what_failed_where_its_log_is_and_builds_the_rest(docke
     assert [line.removeprefix("  | ").strip() for line in done.stderr.splitlines() if line.startswith("  | ")] == [
         printable(line) for line in said[-10:]
     ]
-    assert "cannot build all images: 1 of 4 failed or were skipped: bad; try" in done.stderr
+    assert "cannot build all images: 1 of 4 failed or were skipped: bad; fix the first one" in done.stderr
     one = rorg("build", "one", "--manifests", str(tree), **of(tree, dockerd))
     assert one.stderr.endswith(" images are there\n")
     place.builder().remove(["one"])

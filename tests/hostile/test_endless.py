@@ -236,7 +236,7 @@ def test_an_import_that_says_much_is_not_held_up(tmp_path, monkeypatch):
     with import_stream(image(f"{talk}; echo tar")) as stream:
         assert stream.read() == b"tar\n"
     with (
-        pytest.raises(EngineError, match=r"^[^:]*: e{490,500}; try"),
+        pytest.raises(EngineError, match=r"^[^:]*: e{490,500}; fix spec.import"),
         import_stream(image(f"{talk}; exit 3")) as stream,
     ):
         assert stream.read() == b""
