@@ -23,7 +23,7 @@ from rorg.core.schedule import Target
 from rorg.engines.make import make_engine
 from rorg.engines.process.log import PIECE, read_lines, read_log_from
 from rorg.errors import EngineError
-from rorg.host.git import _git as ask_git
+from rorg.host.git_process import ask_git
 from rorg.images.docker import import_stream
 from rorg.model.catalog import Image, Probe
 from rorg.probes.answer import YES
@@ -255,6 +255,6 @@ def test_a_git_that_hangs_is_ended_with_what_it_runs(tmp_path):
     subprocess.run([*call, "config", "filter.slow.clean", "sleep 98765"], check=True)
     (tmp_path / "a.yaml").write_text("y")
     with within(10, 4 * MEBI):
-        assert ask_git(tmp_path, "status", "--porcelain", patience=0.5) is None
-    assert ask_git(tmp_path, "rev-parse", "HEAD")
+        assert not ask_git(tmp_path, "status", "--porcelain", patience=0.5).yes
+    assert ask_git(tmp_path, "rev-parse", "HEAD").yes
     wait_for(lambda: not [p for p in psutil.process_iter(["cmdline"]) if "98765" in (p.info["cmdline"] or [])])
