@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
+from rorg.cli.context import Context
 from rorg.cli.drawing import FORMS as DRAWN
+from rorg.cli.drawing import Arrow, Drawing, draw
 from rorg.cli.options import FORMS, SERVICES, Argument, Directory, Option, StateDirectory
-from rorg.cli.output import echo, print_rows
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from rorg.cli.context import Context
+from rorg.cli.output import echo, missing, print_rows
 
 KINDS = ("services", "images")
 Graph = dict[str, Any]
@@ -38,12 +36,8 @@ def command(
 
     Example: rorg graph images -o mermaid
     """
-    from rorg.cli.context import Context
-
     if what not in KINDS:
         if directory or not Path(what).exists():
-            from rorg.cli.output import missing
-
             raise missing("graph", what, KINDS)
         what, directory = "services", Path(what)
     context = Context(state_dir, None, directory, local=True)
@@ -80,8 +74,6 @@ def _text(graph: Graph) -> list[str]:
 
 def _drawn_services(graph: Graph, form: str, hidden: Sequence[str]) -> str:
     """The picture leaves out needs that follow from others: nearly everything needs roscore."""
-    from rorg.cli.drawing import Arrow, Drawing, draw
-
     objects = graph.get("objects", [])  # missing from an older rorg
     names = [*graph["services"], *objects]
     needs = [(e["from"], e["to"]) for e in graph["edges"] if e["kind"] != "requests"]
@@ -106,8 +98,6 @@ def _without(graph: Graph, hidden: Sequence[str]) -> Graph:
     names = {*graph["services"], *graph.get("objects", [])}
     for name in hidden:
         if name not in names:
-            from rorg.cli.output import missing
-
             raise missing("service", name, names)
     left = names.difference(hidden)
     return {
@@ -168,7 +158,6 @@ def _tree(levels: Sequence[Sequence[str]], below: dict[str, list[str]]) -> list[
 
 def _drawn_images(found: Graph, graph: Any, levels: Sequence[Sequence[str]], form: str) -> str:
     """Without the arrows that follow from longer paths."""
-    from rorg.cli.drawing import Arrow, Drawing, draw
     from rorg.images.graph import reduced
 
     arrows = sorted(Arrow(name, base) for base, name in reduced(graph).edges)

@@ -107,7 +107,7 @@ class Assembler:
             ring = [one for _, one in trail[trail.index((layer.path, name)) :]]
             if name == min(ring):  # every service of the cycle leads here once: report it only once
                 message = f"services extend each other: {' -> '.join([*ring, name])}"
-                self.files.error(target.where, message, "removing one `extends`")
+                self.files.error(target.where, message, "to remove one `extends`")
             return own
         if len(trail) > MOST_EXTENDS:
             raise TooMuch(
@@ -156,7 +156,7 @@ class Assembler:
             return total
         if paths[0] in trail:
             ring = " -> ".join(path.name for path in (*trail[trail.index(paths[0]) :], paths[0]))
-            self.files.error(entry.where, f"files include each other: {ring}", "removing one include")
+            self.files.error(entry.where, f"files include each other: {ring}", "to remove one include")
             return total
         said = entry.get("project_directory").value
         base = Path(context.path(said)) if said is not None else paths[0].parent

@@ -46,7 +46,7 @@ def build(
         sorter.prepare()
     except CycleError as error:
         cycle = " -> ".join(error.args[1])
-        raise Invalid("build", f"images are based on each other: {cycle}", "breaking the cycle") from error
+        raise Invalid("build", f"images are based on each other: {cycle}", "to break the cycle") from error
     most = min(jobs, sum(not _is_present(order) for order in known.values()))
     return _Build(known, make_builder, clock, listener, stop or threading.Event(), logs).run(sorter, max(1, most))
 

@@ -162,7 +162,7 @@ def dockerfile_of(order: Order, image: Image, buildkit: bool) -> bytes:
     text = read_bytes(context / image.dockerfile, context).decode(errors="surrogateescape")
     try:
         if not buildkit and read_dockerfile(text, image).buildkit:
-            remedy = "installing the docker command with buildx (in Debian's docker.io), and an engine by Docker"
+            remedy = "to install the docker command with buildx (in Debian's docker.io), and an engine by Docker"
             raise EngineError(f"build {image.name}", f"{image.dockerfile} needs BuildKit, which is missing", remedy)
         now = order.replacements
         stand_ins = {name: now.get(reference, reference) for name, reference in image.stand_ins.items()}
@@ -180,7 +180,7 @@ SAID = 500
 def import_stream(image: Image, cancellation: Cancellation | None = None) -> Iterator[IO[bytes]]:
     """Runs an image's import command during the block; its standard output is the tar stream. If the command fails,
     raises EngineError with its last error output."""
-    what, remedy, command = f"import {image.name}", "fixing spec.import", image.import_command or ()
+    what, remedy, command = f"import {image.name}", "to fix spec.import", image.import_command or ()
     said, pipe, where = bytearray(), subprocess.PIPE, image.directory
     running = run_command(what, command, cancellation or Cancellation(), stderr=pipe, cwd=where, remedy=remedy)
     with running as process:

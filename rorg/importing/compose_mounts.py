@@ -36,7 +36,7 @@ def _volume(work: Work, said: Mapping[str, Any], place: tuple[Step, ...]) -> Any
     for key in own:
         if key not in OWN[kind] and not key.startswith("x-"):
             message = f"{kind}.{key} of a volume cannot be carried over: rorg has no such option"
-            work.refuse(message, *place, kind, key, remedy="dropping it")
+            work.refuse(message, *place, kind, key, remedy="to drop it")
     own = {key: own[key] for key in OWN[kind] if key in own}
     modes = ["ro"] * bool(said.get("read_only"))
     if kind == "bind":
@@ -95,7 +95,7 @@ def _file(work: Work, section: str, source: str, said: Mapping[str, Any]) -> str
         return ""
     path = f"{section}/{source}"
     if section == "secrets" and path not in work.files:
-        work.warn(f"{path} holds a secret in plain text", section, source, remedy="keeping it out of git")
+        work.warn(f"{path} holds a secret in plain text", section, source, remedy="to keep it out of git")
     work.files[path] = text
     work.private |= {path} if section == "secrets" else set()
     return f"../{path}"

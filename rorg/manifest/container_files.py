@@ -42,7 +42,7 @@ def seccomp_sent(source: Source, values: list[str]) -> Generator[Clash, None, li
                 profile = json.loads(read_text(source.directory / name, source.root))
             except (OSError, ValueError, RecursionError) as error:
                 why = getattr(error, "strerror", None) or "not JSON"
-                yield Clash(("security_opt", index), f"seccomp profile '{name}': {why}", "creating it")
+                yield Clash(("security_opt", index), f"seccomp profile '{name}': {why}", "to create it")
                 continue
             value = f"seccomp={json.dumps(profile, separators=(',', ':'))}"
         sent.append(value)
@@ -58,7 +58,7 @@ def env_files(source: Source, options: Mapping[str, Any]) -> Generator[Clash | D
         except OSError as error:
             missing = error.errno == errno.ENOENT
             if file.required or not missing:
-                remedy = "creating it" if missing else "fixing it"
+                remedy = "to create it" if missing else "to fix it"
                 yield Clash(("env_file", index), f"env_file '{file.path}': {error.strerror}", remedy)
     return variables
 
@@ -109,5 +109,5 @@ def parameters_of(source: Source, master: str) -> Reading[RosParameters | None]:
         except (OSError, ValueError) as error:
             why = getattr(error, "strerror", None) or str(error)
             where = source.where("spec", "ros", "parameters", name, PARAMETER_FILE)
-            yield Diagnostic(where, f"'{path}', the value of {name}: {why}", "creating or fixing it")
+            yield Diagnostic(where, f"'{path}', the value of {name}: {why}", "to create or fix it")
     return RosParameters(master, values)

@@ -25,7 +25,7 @@ UNEXPECTED = "cannot be understood"
 
 def unexpected(where: Where, bug: Exception) -> Diagnostic:
     """Reports an unexpected error in a file as its mistake, so that the robot keeps its last good manifests."""
-    return Diagnostic(where, f"{UNEXPECTED} ({type(bug).__name__}: {str(bug)[:200]})", "reporting this")
+    return Diagnostic(where, f"{UNEXPECTED} ({type(bug).__name__}: {str(bug)[:200]})", "to report this")
 
 
 @dataclass(frozen=True)
@@ -153,7 +153,7 @@ def _written(paths: Iterable[Path], root: Path, edits: Mapping[Path, str | None]
             text = read_text(path, root) if text is None else text
             found.append(Written(path, text, *read_yaml(text, str(path), items=MAX_ITEMS)))
         except OSError as error:
-            yield Diagnostic(Where(str(path)), f"cannot be read: {error.strerror}", "fixing or deleting it")
+            yield Diagnostic(Where(str(path)), f"cannot be read: {error.strerror}", "to fix or delete it")
         except Exception as bug:
             found.append(Written(path, str(text), None, [unexpected(Where(str(path)), bug)]))
     return found
@@ -201,7 +201,7 @@ def _checked(document: Document, path: Path, root: Path, variables: Variables) -
     yield from found
     if isinstance(kind, str) and kind in BESIDE:
         message = f"a {kind} does not describe a robot and cannot be part of its tree"
-        yield Diagnostic(document.where(("kind",)), message, f"moving it out: {BESIDE[kind]}")
+        yield Diagnostic(document.where(("kind",)), message, f"to move it out: {BESIDE[kind]}")
     elif isinstance(kind, str) and kind not in SPECS:
         yield unknown(document.where(("kind",)), "kind", kind, SPECS)
     if not isinstance(kind, str) or kind not in SPECS or "spec" not in document.value:

@@ -88,7 +88,7 @@ def _used(image: Image, source: Source, contexts: Contexts) -> Reading[tuple[Ima
     if image.context is None:
         return image, ()
     if not os.path.isfile(path):
-        yield Diagnostic(source.where("spec", "context"), f"no {image.dockerfile} in {image.context}", "creating it")
+        yield Diagnostic(source.where("spec", "context"), f"no {image.dockerfile} in {image.context}", "to create it")
         return image, ()
     try:
         text = read_text(path, Path(image.context), MOST)
@@ -98,9 +98,9 @@ def _used(image: Image, source: Source, contexts: Contexts) -> Reading[tuple[Ima
             return image, ()
         uses = read_dockerfile(text, image).uses if image.target else whole.uses
     except OSError as error:
-        yield Diagnostic(Where(str(path)), f"cannot be read: {error.strerror}", "fixing it")
+        yield Diagnostic(Where(str(path)), f"cannot be read: {error.strerror}", "to fix it")
     except DockerfileError as error:
-        yield Diagnostic(Where(str(path), error.line), f"cannot be built: {error}", "fixing it")
+        yield Diagnostic(Where(str(path), error.line), f"cannot be built: {error}", "to fix it")
     except Exception as bug:
         yield unexpected(Where(str(path)), bug)
     else:
@@ -134,7 +134,7 @@ def _circles(images: Mapping[str, Image], used: Used) -> Iterator[Diagnostic]:
     for cycle in cycles({name: [b for b in below if b in images] for name, below in stands_on(images).items()}):
         name, base = cycle[:2]
         line = next(use.line for use in used[name] if plain(use.reference) == base)
-        remedy = "breaking the cycle" if name != base else "another name for the Image"
+        remedy = "to break the cycle" if name != base else "another name for the Image"
         message = f"images stand on each other: {' -> '.join(cycle)}"
         yield Diagnostic(Where(str(_path(images[name])), line), message, remedy)
 

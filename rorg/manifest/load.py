@@ -120,14 +120,14 @@ def _told(diagnostics: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
     first = sorted(found, key=lambda d: d.severity)[:MOST_TOLD]
     last = first[-1]
     more = f"{len(found) - MOST_TOLD} more mistakes are not listed"
-    return (*sorted(first), Diagnostic(last.where, more, "fixing these first", last.severity))
+    return (*sorted(first), Diagnostic(last.where, more, "to fix these first", last.severity))
 
 
 def _misnamed(sources: Iterable[Source]) -> Iterator[Diagnostic]:
     """Warns about files whose name differs from the name that they declare: either may be a typo."""
     for source in (s for s in sources if s.path.stem not in stems(s.name)):
         message = f"the {source.kind} '{source.name}' is in a file called '{source.path.name}'"
-        remedy = f"'{source.path.stem}', or renaming the file"
+        remedy = f"'{source.path.stem}', or rename the file"
         yield Diagnostic(source.where("metadata", "name"), message, remedy, "warning")
 
 
@@ -146,7 +146,7 @@ def usable(root: Path, loaded: Loaded) -> Catalog:
 def unusable(root: Path, errors: Sequence[Diagnostic]) -> Invalid:
     """The error for a tree that cannot be used."""
     why = "\n".join([counted(len(errors), "error"), *map(str, errors), ""])
-    return Invalid(f"use the manifests in {root}", why, "fixing them, then `rorg validate`")
+    return Invalid(f"use the manifests in {root}", why, "to fix them, then `rorg validate`")
 
 
 MOST_TOLD = 200
@@ -192,7 +192,7 @@ def _by_kind(sources: Iterable[Source]) -> Reading[dict[str, dict[str, Source]]]
             yield Diagnostic(where, "'developer' is the built-in meta-service", "another name")
         elif source.kind == "Policy" and found.get("Policy"):
             other = next(iter(found["Policy"].values()))
-            yield Diagnostic(where, "a second Policy", f"merging it into {other.document.file}")
+            yield Diagnostic(where, "a second Policy", f"to merge it into {other.document.file}")
         else:
             found.setdefault(source.kind, {})[source.name] = source
     return found

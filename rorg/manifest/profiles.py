@@ -195,7 +195,7 @@ def _parents(sources: Mapping[str, Source]) -> Reading[dict[str, list[str]]]:
     for ring in rings:
         last = sources[ring[-2]]
         where = last.where("spec", "extends", last.spec.extends.index(ring[-1]))
-        yield Diagnostic(where, f"profiles extend each other: {' -> '.join(ring)}", "breaking the cycle")
+        yield Diagnostic(where, f"profiles extend each other: {' -> '.join(ring)}", "to break the cycle")
     closing = {pair for ring in rings for pair in pairwise(ring)}
     return {n: [p for p in found if (n, p) not in closing] for n, found in graph.items()}
 

@@ -32,7 +32,7 @@ def resolve(source: Source, service: Service, groups: Mapping[str, Group], known
             where = source.where("spec", field, written.index(name)) if own else source.where("spec", "profile")
             if field == "conflicts" and (name == service.name or name in service.needs):
                 what = "itself" if name == service.name else f"'{name}', which it needs"
-                yield Diagnostic(where, f"'{service.name}' conflicts with {what}", "dropping one of them")
+                yield Diagnostic(where, f"'{service.name}' conflicts with {what}", "to drop one of them")
             elif name not in known:
                 by = "" if own else f" (by profile '{', '.join(source.spec.profile or [COMMON])}')"
                 yield Diagnostic(where, f"{field} unknown service '{name}'{by}", nearest(name, known))
@@ -91,7 +91,7 @@ def expand_groups(sources: Sources, services: Mapping[str, Service], broken: set
     for cycle in rings:
         source = sources[cycle[0]]
         where = source.where("spec", "services", list(source.spec.services).index(cycle[1]))
-        yield Diagnostic(where, f"groups contain each other: {' -> '.join(cycle)}", "breaking the cycle")
+        yield Diagnostic(where, f"groups contain each other: {' -> '.join(cycle)}", "to break the cycle")
     if rings:
         return {}
     groups: dict[str, Group] = {}
@@ -114,7 +114,7 @@ def check_cycles(services: Mapping[str, Service], sources: Sources) -> Iterator[
             where = source.where("spec", "needs", written.index(cycle[1]))
         else:
             where = place_of(source, joined[0]) if joined else source.where("spec")
-        yield Diagnostic(where, f"services need each other: {' -> '.join(cycle)}", "dropping one of these needs")
+        yield Diagnostic(where, f"services need each other: {' -> '.join(cycle)}", "to drop one of these needs")
 
 
 def check_conflicts(catalog: Catalog, sources: Sources) -> Iterator[Diagnostic]:
@@ -123,7 +123,7 @@ def check_conflicts(catalog: Catalog, sources: Sources) -> Iterator[Diagnostic]:
     roots = [s.name for s in catalog.services.values() if s.always_on]
     for a, b in conflicting(catalog.services, closure(catalog.services, roots)):
         where = _key(sources[a if catalog.services[a].always_on else b], "always_on")
-        yield Diagnostic(where, f"'{a}' and '{b}' conflict and are both always on", "dropping one")
+        yield Diagnostic(where, f"'{a}' and '{b}' conflict and are both always on", "to drop one")
     yield from _conflicting_requests(catalog, roots)
 
 
@@ -131,7 +131,7 @@ def _conflicting_needs(catalog: Catalog, sources: Sources) -> Iterator[Diagnosti
     for name in sorted(catalog.services):
         for a, b in conflicting(catalog.services, closure(catalog.services, [name])):
             message = f"'{name}' needs both '{a}' and '{b}', which conflict"
-            yield Diagnostic(_key(sources[name], "needs"), message, "dropping one")
+            yield Diagnostic(_key(sources[name], "needs"), message, "to drop one")
         needs = catalog.services[name].needs
         if any(overbooked(catalog, closure(catalog.services, [n])) for n in needs):
             continue  # reported for that service
@@ -152,7 +152,7 @@ def _conflicting_requests(catalog: Catalog, always_on: Iterable[str]) -> Iterato
         names = before | closure(catalog.services, named)
         for a, b in sorted(set(conflicting(catalog.services, names)) - set(conflicting(catalog.services, before))):
             message = f"with this request both '{a}' and '{b}' would be wanted, which conflict"
-            yield Diagnostic(request.where, message, "dropping one")
+            yield Diagnostic(request.where, message, "to drop one")
 
 
 def _key(source: Source, field: str) -> Where:

@@ -77,7 +77,7 @@ def _without(source: Source, options: dict[str, Any]) -> Reading[dict[str, Any]]
         if name in own:
             yield Diagnostic(where, f"'{name}' is both set and unset", "one of them")
         elif name not in known:
-            yield Diagnostic(where, f"no profile of it gives '{name}'", nearest(name, known) or "leaving it out")
+            yield Diagnostic(where, f"no profile of it gives '{name}'", nearest(name, known) or "to leave it out")
     kept = {k: v for k, v in known.items() if k not in spec.unset_environment}
     return {**options, "environment": kept} if spec.unset_environment else options
 
@@ -128,7 +128,7 @@ def _mounts(source: Source) -> Reading[list[str]]:
             yield Diagnostic(where, f"'{mount}' is not a mount", "./dir:/path/in/container")
         elif not os.path.exists(source.directory / local):
             message = f"'{local}' does not exist beside this manifest"
-            yield Diagnostic(where, message, "creating it", code="missing-mount-source")
+            yield Diagnostic(where, message, "to create it", code="missing-mount-source")
         else:
             volumes.append(f"{real(source.directory / local)}:{target}:ro")
     return volumes

@@ -70,7 +70,7 @@ def _trace(found: OneDocument[TraceSpec], known: Collection[str] | None) -> Read
         where, path = found.document.where, ("spec", "events", index)
         if entry.at < before:
             yield Diagnostic(
-                where((*path, "at")), f"it comes after an entry of {before:g} s", "ordering entries by time"
+                where((*path, "at")), f"it comes after an entry of {before:g} s", "to order entries by time"
             )
         if entry.at > spec.duration:
             what = f"after the end of the trace, {spec.duration:g} s"

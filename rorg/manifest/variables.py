@@ -67,7 +67,7 @@ def read_variables(root: Path, robot: str) -> Reading[Variables]:
         except FileNotFoundError:
             continue
         except OSError as error:
-            yield Diagnostic(Where(str(path)), f"cannot be read: {error.strerror}", "fixing or deleting it")
+            yield Diagnostic(Where(str(path)), f"cannot be read: {error.strerror}", "to fix or delete it")
             continue
         declared = True
         yield from _declare(text, str(path), values, places)

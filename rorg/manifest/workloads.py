@@ -123,7 +123,7 @@ def _workload(found: OneDocument[WorkloadSpec]) -> Reading[Workload]:
     for path, one in places:
         where = found.document.where(("spec", *path, "class"))
         if one.class_ is not None and path[0] == "classes":
-            yield Diagnostic(where, "a class has no class of its own", "saying everything in one")
+            yield Diagnostic(where, "a class has no class of its own", "to say everything in one")
         elif one.class_ is not None and one.class_ not in spec.classes:
             yield unknown(where, "class", one.class_, spec.classes)
     services = {name: _behaviour(one, spec.classes) for name, one in spec.services.items()}
