@@ -13,7 +13,7 @@ from pathlib import Path
 
 import agreement
 import pytest
-from compose_cases import CASES, environment_of, load_from
+from compose_cases import CASES, load_from
 from creating import Creator
 
 from rorg.core.desired import desire
@@ -37,7 +37,7 @@ def imported(case: Path, folder: Path) -> Catalog:
     found = load_from(folder, profiles=("*",))
     assert found.project, "\n".join(map(str, found.diagnostics))
     tree = folder / "manifests"
-    made = from_compose(found.project, tree, folder, environment_of(case), _text)
+    made = from_compose(found.project, tree, folder, _text)
     assert not made.errors, "\n".join(map(str, made.errors))
     for path, text in made.texts.items():
         (tree / path).parent.mkdir(parents=True, exist_ok=True)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from compose_cases import CASES, environment_of, load_from
+from compose_cases import CASES, load_from
 
 from rorg.compose import load as read_project
 from rorg.compose.project import Project
@@ -20,9 +20,9 @@ from rorg.model.catalog import Catalog, Service
 RECORDED = sorted(path.parent for path in CASES.glob("*/inspect.json"))
 
 
-def imported(project: Project | None, folder: Path, tree: Path, environment: dict[str, str]) -> Catalog:
+def imported(project: Project | None, folder: Path, tree: Path) -> Catalog:
     assert project
-    made = from_compose(project, tree, folder, environment, lambda p: p.read_text() if p.is_file() else None)
+    made = from_compose(project, tree, folder, lambda p: p.read_text() if p.is_file() else None)
     assert not made.errors
     for path, text in made.texts.items():
         (tree / path).parent.mkdir(parents=True, exist_ok=True)
@@ -52,7 +52,7 @@ def test_what_is_exported_is_the_same_robot(case, tmp_path):
     folder = tmp_path / case.name
     shutil.copytree(case, folder)
     project = load_from(folder, ("*",)).project
-    one = imported(project, folder, folder / "manifests", environment_of(case))
+    one = imported(project, folder, folder / "manifests")
     exported = export(one, str(folder), case.name)
     for path in folder.glob("*compose*.y*ml"):
         path.unlink()
@@ -60,7 +60,7 @@ def test_what_is_exported_is_the_same_robot(case, tmp_path):
     for name, text in exported.files.items():
         (folder / name).write_text(text)
     read = read_project([folder / "exported.yaml"], {}, env_files=[], profiles=("*",))
-    two = imported(read.project, folder, folder / "again", {})
+    two = imported(read.project, folder, folder / "again")
     assert containers(two) == containers(one)
     for kind in ("networks", "volumes"):
         there = {name: (o.called, o.spec, o.external) for name, o in getattr(two, kind).items()}

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import commands
 import pytest
-from compose_cases import CASES, environment_of, load_from
+from compose_cases import CASES, load_from
 from conftest import ROOT
 
 from rorg.compose.load import load as read_project
@@ -38,7 +38,7 @@ def imported(folder: Path, text: str = "", environment: dict[str, str] | None = 
     environment = environment or {}
     loaded = read_project([folder / "compose.yaml"], environment, **options)
     assert loaded.project, loaded.diagnostics
-    return from_compose(loaded.project, folder / "manifests", folder, environment, text_of)
+    return from_compose(loaded.project, folder / "manifests", folder, text_of)
 
 
 def spec(found: Imported, name: str = "nav", kind: str = "Service") -> dict:
@@ -151,6 +151,7 @@ def test_a_project_becomes_services_that_say_the_same(tmp_path):
     assert spec(found, "compose", "Request")["services"] == ["nav", "db", "migrate"]
     assert told(found) == [
         "7:19: note: ROS_DOMAIN_ID was taken from the environment: its current value is now fixed in nav",
+        "14:5: note: rorg waits for /dev/video0 to be plugged in only if `driver` names it",
         "24:5: note: restart: on-failure:3: rorg restarts without limit, with growing delays",
     ]
     assert "# From compose.yaml:3:3, service nav." in found.texts["services/nav.yaml"]
@@ -247,6 +248,11 @@ def test_networks_and_volumes_keep_the_names_that_compose_gives_them(tmp_path):
 
 def test_what_is_built_is_an_image_each_once(tmp_path):
     (tmp_path / ".dockerignore").write_text("manifests\n")
+    for folder in ("docker", "other"):
+        (tmp_path / folder).mkdir()
+    (tmp_path / "own").mkdir()
+    for file in ("docker/nav", "other/Dockerfile"):
+        (tmp_path / file).write_text("FROM busybox\n")
     found = imported(
         tmp_path,
         "name: bot\nservices:\n"
@@ -319,6 +325,7 @@ def test_secrets_and_configs_are_files_that_are_said(tmp_path):
 
 
 def test_everything_that_cannot_be_is_told_at_once_and_nothing_is_written(tmp_path):
+    (tmp_path / "Dockerfile").write_text("FROM busybox\n")
     (tmp_path / "compose.yaml").write_text(
         "services:\n  nav:\n    image: a\n    external_links: [x]\n    build: {context: ., ssh: [default]}\n"
         "    post_start: [{command: a}]\n  developer: {image: b}\n  _x: {image: c}\n"
@@ -360,9 +367,12 @@ def test_the_command_writes_what_validate_takes_and_says_what_is_otherwise(tmp_p
 def test_a_robot_of_the_cases_imports_and_validates(name, tmp_path):
     folder = tmp_path / name
     shutil.copytree(CASES / name, folder)
+    if name == "every_key":
+        (folder / "ctx").mkdir(exist_ok=True)
+        (folder / "ctx/D").write_text("FROM busybox\n")
     loaded = load_from(folder)
     assert loaded.project, loaded.diagnostics
-    found = from_compose(loaded.project, folder / "manifests", folder, environment_of(folder), text_of)
+    found = from_compose(loaded.project, folder / "manifests", folder, text_of)
     assert len(found.errors) == REFUSED.get(name, 0)
     if name not in REFUSED:
         assert not load(write(found, folder / "manifests")).errors

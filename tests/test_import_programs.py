@@ -85,6 +85,8 @@ def test_a_unit_is_a_service_that_says_the_same(tmp_path):
     assert found["robot"] == {"services": ["nav", "lidar"]}
     told = [str(d) for d in imported.diagnostics]
     assert told == [
+        "lidar.service:3:1: note: ExecStart=-: for systemd, a failure of this program counts as success; rorg sees the "
+        "failure",
         "nav.service:4:1: note: network-online.target: not imported, so not in needs",
         "nav.service:14:1: note: RestartSec is not carried over; leave it out: delays grow automatically",
         "nav.service:23:1: note: WatchdogSec is not carried over; try a `live` probe",

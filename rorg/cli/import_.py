@@ -6,9 +6,11 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
+from rorg.cli.context import known_engine
 from rorg.cli.differences import line
 from rorg.cli.options import DIRECTORIES, FILES, FORMS, Argument, Option
 from rorg.cli.output import disk_errors, dump, note, print_rows
+from rorg.cli.validate import findings, refuse
 from rorg.errors import Invalid, Refused
 from rorg.model.units import counted
 
@@ -42,20 +44,28 @@ def command(
     ] = [],  # noqa: B006
     output: Annotated[Path, Option("Directory to write the manifests to.", completes=DIRECTORIES)] = Path("manifests"),
     force: Annotated[bool, Option("Overwrite existing files.")] = False,
+    skip: Annotated[
+        bool,
+        Option(
+            "Leave out what cannot be carried over, with a warning for each; write the rest.",
+            names=("--skip-unsupported",),
+        ),
+    ] = False,
     form: Annotated[str, Option("table, wide, name, yaml or json.", names=("-o",), choices=FORMS)] = "table",
 ) -> None:
-    """Write manifests for a Compose project, systemd units or a launch file. Every change or loss is noted. If
-    something cannot be carried over, rorg lists all of it and writes nothing.
+    """Write manifests for a Compose project, systemd units or a launch file of ROS 1. Every change or loss is noted. If
+    something cannot be carried over, rorg lists all of it and writes nothing. Then validate the manifests: exit code 0
+    means that `rorg validate` accepts them.
 
     Example: rorg import compose compose.yaml
     """
     named = [Path(path) for path in also]
     if what == "compose":
-        imported = _compose([Path(f) for f in files], env_file, profile, project_name, output, named)
+        imported = _compose([Path(f) for f in files], env_file, profile, project_name, output, named, skip)
     elif not files:
         raise Invalid(f"import from {what}", "no file is named", f"`rorg import {what} FILE`")
     elif what == "systemd":
-        imported = _systemd([Path(f) for f in files], image, output)
+        imported = _systemd([Path(f) for f in files], image, output, skip)
     else:
         imported = _roslaunch(Path(files[0]), files[1:], image, output, named)
     if imported.errors:
@@ -65,7 +75,7 @@ def command(
 
 
 def _compose(
-    paths: list[Path], env_files: list[str], profiles: list[str], name: str, output: Path, named: list[Path]
+    paths: list[Path], env_files: list[str], profiles: list[str], name: str, output: Path, named: list[Path], skip: bool
 ) -> Imported:
     from rorg.compose.load import load
     from rorg.importing.compose import from_compose
@@ -96,7 +106,7 @@ def _compose(
         except OSError:
             return None
 
-    found = from_compose(loaded.project, tree, top, os.environ, text)
+    found = from_compose(loaded.project, tree, top, text, skip)
     return found.with_diagnostics(loaded.diagnostics)
 
 
@@ -118,15 +128,17 @@ def _project_folder(path: Path) -> Path:
     return own
 
 
-def _systemd(paths: list[Path], image: str, output: Path) -> Imported:
+def _systemd(paths: list[Path], image: str, output: Path, skip: bool) -> Imported:
     from rorg.importing.systemd import from_systemd
+    from rorg.importing.systemd_unit import template_of
     from rorg.manifest.files import Reader
 
     texts = {}
     for path in paths:
+        source = path if path.exists() else template_of(path)
         with disk_errors(f"read {path}", "another file"):
-            texts[path] = Reader(path, [path])(path)
-    return from_systemd(texts, image, output.resolve())
+            texts[path] = Reader(source, [source])(source)
+    return from_systemd(texts, image, output.resolve(), skip)
 
 
 def _roslaunch(path: Path, words: list[str], image: str, output: Path, named: list[Path]) -> Imported:
@@ -145,10 +157,11 @@ def _refuse(imported: Imported, what: str, form: str) -> NoReturn:
     _notes(imported, form)
     if form in ("json", "yaml"):
         dump(_whole(imported, None), form)
+    skip = "--skip-unsupported to leave these out" if imported.manifests else "`rorg import --help` for options"
     raise Invalid(
         f"import from {what}",
         f"{counted(len(imported.errors), 'error')}; nothing is written",
-        "`rorg import --help` for options that help, or edit the source",
+        f"{skip}, or edit the source",
     )
 
 
@@ -170,16 +183,27 @@ def _write(imported: Imported, output: Path, force: bool) -> None:
 
 
 def _tell(imported: Imported, output: Path, form: str) -> None:
+    """Reports what was written, and what `rorg validate` finds in it. Exits with its code if there are errors."""
     from collections import Counter
 
     _notes(imported, form)
+    found = findings(output, known_engine(None))[0]
+    errors = [d for d in found if d.severity == "error"]
     rows = [{"file": str(output / m.path), "kind": m.kind, "name": m.name} for m in imported.manifests]
-    print_rows(rows, form, ("file", "kind", "name"), full=_whole(imported, output))
+    whole = {**_whole(imported, output), "valid": not errors, "findings": [d.as_json() for d in found]}
+    print_rows(rows, form, ("file", "kind", "name"), full=whole)
     kinds = Counter(m.kind.lower() for m in imported.manifests)
     told = [d.severity for d in imported.diagnostics]
     counts = [counted(n, kind) for kind, n in kinds.items()]
     counts += [counted(told.count(word), word) for word in ("warning", "note") if word in told]
-    note(f"{output}: {', '.join(counts)}\nnext: rorg validate {output}")
+    note(f"{output}: {', '.join(counts)}")
+    for error in errors if form not in ("json", "yaml") else ():
+        note(line(error.as_json()))
+    if errors:
+        note(f"the files are written; correct them, then `rorg validate {output}`")
+        refuse(len(errors))
+    warnings = f", with {counted(len(found), 'warning')} (`rorg validate {output}`)" if found else ""
+    note(f"valid{warnings}\nnext: rorg run {output}")
 
 
 def _whole(imported: Imported, output: Path | None) -> dict[str, Any]:

@@ -67,7 +67,26 @@ def _here(root: str) -> Path:
 
 
 def _read(root: Path, engine: str, output: str, robot: str, machine: bool) -> None:
-    """Validates the files of a directory: for one robot, or for the base and all robots."""
+    """Validates the files of a directory and reports the result."""
+    told, loaded, robots = findings(root, engine, robot, machine)
+    _tell([d.as_json() for d in told], output)
+    if errors := sum(d.severity == "error" for d in told):
+        refuse(errors)
+    catalog = loaded.catalog
+    assert catalog is not None, "it has no errors"
+    counts = {
+        "service": sum(not s.meta for s in catalog.services.values()),
+        "group": len(catalog.groups),
+        "image": len(catalog.images),
+        "standing request": len(catalog.requests),
+        "robot": robots,
+    }
+    note("ok: " + ", ".join(counted(n, what) for what, n in counts.items() if n or what == "service"))
+
+
+def findings(root: Path, engine: str, robot: str = "", machine: bool = False) -> tuple[list[Diagnostic], Loaded, int]:
+    """All findings in the files of a directory, for one robot, or for the base and all robots; the base, and the number
+    of robots. From now on, no output of this process shows a secret of theirs."""
     from rorg.core.masking import Masker
     from rorg.manifest.load import load
     from rorg.manifest.overlay import robots_of
@@ -84,19 +103,7 @@ def _read(root: Path, engine: str, output: str, robot: str, machine: bool) -> No
         masker.learn(found.read)
         here = _on_this_machine(found, engine) if machine else ()
         told += [d.on(name) for d in (*found.diagnostics, *here) if (d.where, d.message) not in known]
-    _tell([d.as_json() for d in sorted(told)], output)
-    if errors := sum(d.severity == "error" for d in told):
-        _refuse(errors)
-    catalog = loaded.catalog
-    assert catalog is not None, "it has no errors"
-    counts = {
-        "service": sum(not s.meta for s in catalog.services.values()),
-        "group": len(catalog.groups),
-        "image": len(catalog.images),
-        "standing request": len(catalog.requests),
-        "robot": len(robots),
-    }
-    note("ok: " + ", ".join(counted(n, what) for what, n in counts.items() if n or what == "service"))
+    return sorted(told), loaded, len(robots)
 
 
 def _on_this_machine(loaded: Loaded, engine: str) -> list[Diagnostic]:
@@ -125,7 +132,7 @@ def _followed(told: dict[str, Any], output: str) -> None:
     """Reports what the running rorg found, which has read its tree again."""
     _tell([*told["errors"], *told.get("warnings", ())], output)
     if told["errors"]:
-        _refuse(len(told["errors"]))
+        refuse(len(told["errors"]))
     note(f"ok: {told['root']}, as the running rorg reads it")
 
 
@@ -141,7 +148,8 @@ def _tell(found: list[dict[str, Any]], output: str) -> None:
         note(line(diagnostic))
 
 
-def _refuse(errors: int) -> NoReturn:
+def refuse(errors: int) -> NoReturn:
+    """Ends the command, because manifests have this many errors."""
     note(f"{counted(errors, 'error')}: rorg would refuse these manifests")
     sys.exit(int(Exit.USAGE))
 

@@ -26,6 +26,9 @@ def normalised(
         sections["networks"].setdefault("default", Node({}, tree.where))
     for kind in ("networks", "volumes", "configs", "secrets"):
         sections[kind] = {key: _named(key, node, name) for key, node in sections[kind].items() if not _extension(key)}
+    for kind in ("configs", "secrets"):
+        sections[kind] = {key: _from_outside(node, variables) for key, node in sections[kind].items()}
+    sections["models"] = tree.get("models").mapping
     places: dict[Place, Where] = {}
     taken: dict[Place, tuple[str, ...]] = {}
     for kind, entries in sections.items():
@@ -76,8 +79,18 @@ def _named(key: str, node: Node, project: str) -> Node:
     return node.but({"name": Node(key if outside else f"{project}_{key}", node.where), **node.mapping})
 
 
+def _from_outside(node: Node, variables: Variables) -> Node:
+    """A config or secret; the variable that it takes its content from counts as used."""
+    said = node.get("environment")
+    if not isinstance(said.value, str):
+        return node
+    variables.take(said.value, said.where)
+    return node.having(environment=said.but(said.value, taken=(said.value,)))
+
+
 def _service(node: Node, assembler: Assembler, variables: Variables) -> Node:
-    entries = {key: one for key, one in node.mapping.items() if one.value is not None or _extension(key)}
+    """A complete service. An empty text, often of a variable that is not set, means the same as no key."""
+    entries = {key: one for key, one in node.mapping.items() if one.value not in (None, "") or _extension(key)}
     if {"environment", "env_file"} & entries.keys():
         entries["environment"] = _environment(node, assembler, variables)
     if "label_file" in entries:
@@ -149,6 +162,8 @@ def _labels(service: Node, assembler: Assembler, variables: Variables) -> Node:
     found: dict[str, Node] = {}
     for file in files.items:
         text = assembler.files.text(Path(file.value), file.where, "the file of labels")
+        if text is not None:
+            assembler.paths[Path(file.value)] = None
         read = read_env_file(Path(file.value), text or "", variables, assembler.files.diagnostics)
         assembler.files.spend(len(read), file.where)
         found |= {name: Node(value or "", where, where) for name, (value, where, _) in read.items()}

@@ -72,6 +72,8 @@ class Project:
     volumes: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     configs: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     secrets: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    models: Mapping[str, Any] = field(default_factory=dict)
+    """As written."""
     extensions: Mapping[str, Any] = field(default_factory=dict)
     """`x-` keys of the top."""
     enabled: frozenset[str] = frozenset()
@@ -79,7 +81,7 @@ class Project:
     profiles: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Service -> its profiles, if it has any."""
     files: tuple[Path, ...] = ()
-    """All files that were read: Compose files, those of extends and include, env files."""
+    """All files that were read: Compose files, those of extends and include, env files, files of labels."""
     places: Mapping[Place, Where] = field(default_factory=dict)
     """The place of each key of a mapping and each item of a list. What the reader adds (default networks, names) has no
     place."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,7 +13,7 @@ from rorg.compose.form import Context, Form
 from rorg.compose.nodes import Node
 from rorg.model.diagnostics import nearest
 
-_SIZE = re.compile(r"(-?[0-9]+(?:\.[0-9]+)?|-?\.[0-9]+) ?([kKmMgGtTpP]?)(?:i?[bB])?$")
+_SIZE = re.compile(r"(-?[0-9]+(?:\.[0-9]+)?|-?\.[0-9]+) ?([kKmMgGtTpP]?)(?:i|i?[bB])?$")
 _POWERS = {"": 0, "k": 1, "m": 2, "g": 3, "t": 4, "p": 5}
 _DURATION = re.compile(r"(-?[0-9]*\.?[0-9]+)(ns|us|µs|μs|ms|s|m|h|d|w)")
 _SECONDS = {"ns": 1e-9, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ms": 1e-3, "s": 1.0, "m": 60.0, "h": 3600.0}
@@ -20,7 +21,8 @@ _TRUE = {**dict.fromkeys(("true", "yes", "y", "on"), True), **dict.fromkeys(("fa
 
 
 def size(text: str) -> int:
-    """Bytes of `512`, `50M`, `1.5gb`, `64 KiB`: all units are powers of 1024, as in Compose. Raises ValueError."""
+    """Bytes of `512`, `50M`, `1.5gb`, `64 KiB`: all units are powers of 1024, as in Compose. `1Gi` is the form of
+    Kubernetes, which Compose refuses. Raises ValueError."""
     found = _SIZE.match(text.strip())
     if not found:
         raise ValueError(f"'{text}' is not an amount of memory")
@@ -75,16 +77,17 @@ def shown(value: object) -> str:
     return str(value)
 
 
+LARGE = 6
+"""The power of ten from which a float has an exponent."""
+
+
 def _float(value: float) -> str:
-    text = repr(value)
-    mantissa, _, power = text.partition("e")
-    exponent = int(power) if power else 0
-    if exponent >= 21 or exponent < -5:
-        return f"{mantissa.removesuffix('.0')}e{exponent:+03d}"
-    if abs(value) < 1e-4 and value:
-        mantissa, _, power = f"{value:e}".partition("e")
-        return f"{mantissa.rstrip('0').rstrip('.')}e{int(power):+03d}"
-    return format(Decimal(text), "f").removesuffix(".0")
+    """As %v of Go: with the fewest digits, and with an exponent from a million on."""
+    digits = Decimal(repr(value)).normalize()
+    exponent = digits.adjusted()
+    if value and math.isfinite(value) and not -4 <= exponent < LARGE:
+        return f"{format(digits.scaleb(-exponent), 'f')}e{exponent:+03d}"
+    return format(digits, "f")
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,8 @@ _PORT = re.compile(
     r"(?:(?P<ip>\[[0-9a-fA-F:.]+\]|[0-9.]+|[0-9a-fA-F:]*::[0-9a-fA-F:]*?):(?=[0-9-]*:))?"
     r"(?:(?P<published>[0-9]+(?:-[0-9]+)?)?:)?(?P<target>[0-9]+(?:-[0-9]+)?)(?:/(?P<protocol>[a-z]+))?$"
 )
+CDI = re.compile(r"[A-Za-z0-9_.-]+/[A-Za-z0-9_.-]+=[A-Za-z0-9_.:-]+")
+"""The name of a device of the Container Device Interface: VENDOR/CLASS=DEVICE."""
 PROPAGATION = ("private", "rprivate", "shared", "rshared", "slave", "rslave")
 _MOUNT_FLAGS = (*PROPAGATION, "ro", "rw", "z", "Z", "nocopy", "cached", "delegated", "consistent")
 
@@ -136,8 +138,10 @@ def volume(node: Node, name: str, context: Context) -> Node | None:
 
 
 def device(node: Node, name: str, context: Context) -> Node | None:
-    """`SOURCE[:TARGET[:PERMISSIONS]]`."""
-    parts = node.value.split(":")
+    """`SOURCE[:TARGET[:PERMISSIONS]]`, `SOURCE:PERMISSIONS` as of `docker run`, or the CDI name of a device."""
+    parts = [node.value] if CDI.fullmatch(node.value) else node.value.split(":")
+    if len(parts) == 2 and re.fullmatch("[rwm]{1,3}", parts[1]):
+        parts.insert(1, parts[0])
     if len(parts) > 3 or not all(parts):
         context.error(node, f"{name}: '{node.value}' is not a device", "SOURCE, SOURCE:TARGET, or SOURCE:TARGET:rwm")
         return None

@@ -5,6 +5,7 @@ Its services get a common profile that adds nothing, so that rorg creates the sa
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from rorg.importing.compose_work import SOUND, Work, nonempty
 from rorg.importing.manifests import Imported, Made
 from rorg.manifest.yaml_text import Noted
 
+VALID = "letters, digits, - _ and dots, starting with a letter or digit"
 NAMED = "as Compose calls it"
 
 
@@ -46,9 +48,10 @@ def _used(work: Work, section: str, used: Collection[str], otherwise: str) -> li
 
 def _object(work: Work, kind: str, section: str, name: str, table: Mapping[str, Row]) -> Made:
     said: Mapping[str, Any] = getattr(work.project, section)[name]
+    before = len(work.found)
     work.check(table, said, section, name, shown=f"{section}.{name}.")
     called, known = work.called(section, name), work.known(section, name)
-    comments = [f"From {work.origin(section, name)}, {kind.lower()} {name}."]
+    comments = [f"From {work.origin(section, name)}, {kind.lower()} {name}.", *work.told(before)]
     if said.get("external"):
         return Made(kind, called, {**({"name": known} if known != called else {}), "external": True}, tuple(comments))
     if kind == "Volume":
@@ -56,7 +59,8 @@ def _object(work: Work, kind: str, section: str, name: str, table: Mapping[str, 
             f"If Compose has already created {known}, write `external: true` and nothing else but the name."
         )
     spec: dict[str, Any] = {"name": Noted(known, NAMED)} if known != called else {}
-    spec |= nonempty({key: said.get(key) for key in table if key not in ("name", "external", "ipam")})
+    carried = (key for key, row in table.items() if row.how == "carried" and key not in ("name", "external", "ipam"))
+    spec |= nonempty({key: said.get(key) for key in carried})
     return Made(kind, called, spec | nonempty({"ipam": _ipam(said.get("ipam") or {})}), tuple(comments))
 
 
@@ -64,6 +68,38 @@ def _ipam(said: Mapping[str, Any]) -> dict[str, Any]:
     """Without empty values: `ipam: {}` means nothing."""
     pools = list(filter(None, map(nonempty, said.get("config") or ())))
     return nonempty({"driver": said.get("driver"), "config": pools, "options": said.get("options")})
+
+
+def _refuse_services(work: Work) -> None:
+    """Refuses services that rorg cannot have at all. If they are skipped, nothing needs them any more."""
+    refused = set()
+    for name, said in work.project.services.items():
+        if not SOUND.fullmatch(name):
+            message, remedy = f"'{name}' is not a valid name of a service in rorg", VALID
+        elif name == "developer":
+            message, remedy = "'developer' names a person in rorg, not a service", "another name"
+        elif not (said.get("build") or said.get("image")):
+            message, remedy = f"{name} has neither image nor build", "image: NAME"
+        else:
+            continue
+        refused.add(name)
+        work.refuse(message, "services", name, remedy=remedy)
+    if work.skip and refused:
+        kept = {n: _without(said, refused) for n, said in work.project.services.items() if n not in refused}
+        work.project = replace(work.project, services=kept, enabled=work.project.enabled - refused)
+
+
+def _without(said: Mapping[str, Any], refused: set[str]) -> dict[str, Any]:
+    """A service that does not need these others."""
+    needs = {name: how for name, how in (said.get("depends_on") or {}).items() if name not in refused}
+    links = [link for link in said.get("links") or () if link.partition(":")[0] not in refused]
+    return {**said, "depends_on": needs, "links": links}
+
+
+def _note_models(work: Work) -> None:
+    for name in work.project.models:
+        message = f"models.{name} is not carried over: rorg does not run models"
+        work.note(message, "models", name, remedy="a service that runs the model")
 
 
 def groups(work: Work) -> list[Made]:
@@ -119,15 +155,16 @@ def from_compose(
     project: Project,
     tree: Path,
     top: Path,
-    environment: Mapping[str, str],
     read: Callable[[Path], str | None],
+    skip: bool = False,
 ) -> Imported:
     """The manifests of a project, with a finding for everything that cannot be carried over.
 
     `tree`: where the manifests will be; `top`: paths below it are written relative to them (both absolute).
-    `environment`: variables that secrets and configs may take their content from. `read`: the text of a file, None if
-    it does not exist."""
-    work = Work(project, tree, top, environment, read)
+    `read`: the text of a file, None if it does not exist. `skip`: leave out what cannot be carried over."""
+    work = Work(project, tree, top, read, skip)
+    _refuse_services(work)
+    _note_models(work)
     built, used = images(work)
     made = [COMMON, *services(work, used), *built, *networks(work), *volumes(work), *groups(work), *requests(work)]
     found = [*work.found, *fixed_variables(work)]

@@ -26,8 +26,17 @@ def images(work: Work) -> tuple[list[Made], dict[str, str]]:
     for name, said in work.project.services.items():
         used[name] = wanted[name]
         if not said.get("build"):
-            if not said.get("image"):
-                work.refuse(f"{name} has neither image nor build", "services", name, remedy="image: NAME")
+            continue
+        before = len(work.found)
+        if is_remote(context := str(said["build"].get("context") or "")):
+            place = ("services", name, "build", "context")
+            work.refuse(f"rorg cannot build from {context}", *place, remedy="a clone of it beside the manifests")
+            used[name], work.unbuilt[name] = said.get("image") or wanted[name], work.told(before)
+            continue
+        if why := _not_here(said["build"]):
+            used[name] = said.get("image") or wanted[name]
+            _use_ready_made(work, name, used[name] if said.get("image") else "", why)
+            work.unbuilt[name] = work.told(before)
             continue
         image = _image(work, name, wanted[name], wanted)
         other = made.get(image.name)
@@ -39,8 +48,30 @@ def images(work: Work) -> tuple[list[Made], dict[str, str]]:
         if not re.fullmatch(NAME, image.name):
             message = f"'{image.name}' is not a valid name of an Image"
             work.refuse(message, "services", name, "image", remedy="a name in lower case, with or without a tag")
+            continue
         made.setdefault(image.name, image)
     return list(made.values()), used
+
+
+def _not_here(said: Mapping[str, Any]) -> str:
+    """Why a build cannot work on this machine; empty if it can."""
+    context = str(said.get("context") or "")
+    if not os.path.isdir(context):
+        return f"the build context {context} is missing"
+    file = os.path.join(context, str(said.get("dockerfile") or "Dockerfile"))
+    return "" if said.get("dockerfile_inline") or os.path.isfile(file) else f"there is no {file}"
+
+
+def _use_ready_made(work: Work, name: str, image: str, why: str) -> None:
+    """Reports that nothing builds the image of a service, which must then be on the machine or in a registry."""
+    place = ("services", name, "build", "context")
+    remedy = "to run `git submodule update --init` if it is a submodule, and import again"
+    if image:
+        work.warn(
+            f"{why}, so nothing builds {image}: it must be on this machine or in a registry", *place, remedy=remedy
+        )
+    else:
+        work.refuse(f"{why}, and {name} names no image", *place, remedy=remedy)
 
 
 def _own_name(work: Work, service: str) -> str:
@@ -57,11 +88,9 @@ def _name(work: Work, name: str, said: Mapping[str, Any]) -> str:
 
 def _image(work: Work, name: str, image: str, wanted: Mapping[str, str]) -> Made:
     said: Mapping[str, Any] = work.project.services[name]["build"]
-    place = ("services", name, "build")
+    place, before = ("services", name, "build"), len(work.found)
     work.check(BUILD, said, *place, shown="build.")
     context = str(said.get("context") or work.project.directory)
-    if is_remote(context):
-        work.refuse(f"rorg cannot build from {context}", *place, "context", remedy="a clone of it beside the manifests")
     _warn_of_manifests(work, image, context, place)
     dockerfile, platforms = _dockerfile(work, image, context, said), said.get("platforms") or []
     if len(platforms) > 1:
@@ -76,7 +105,8 @@ def _image(work: Work, name: str, image: str, wanted: Mapping[str, str]) -> Made
         "additional_contexts": _contexts(work, said.get("additional_contexts") or {}, wanted, place),
         "platform": "".join(platforms[:1]),
     }
-    return Made("Image", image, nonempty(spec), (f"From {work.origin(*place)}, service {name}.",))
+    comments = (f"From {work.origin(*place)}, service {name}.", *work.told(before))
+    return Made("Image", image, nonempty(spec), comments)
 
 
 def _warn_of_manifests(work: Work, image: str, context: str, place: tuple[str, ...]) -> None:

@@ -32,6 +32,10 @@ def _volume(work: Work, said: Mapping[str, Any], place: tuple[Step, ...]) -> Any
     if kind not in OWN:
         work.refuse(f"a volume of type {kind} cannot be carried over", *place, remedy="type: bind or volume")
         return None
+    if not target.startswith("/"):
+        message = f"'{target}' is not an absolute path in the container, so the engine refuses this volume"
+        work.refuse(message, *place, remedy="SOURCE:/PATH")
+        return None
     own = {key: one for key, one in nonempty(said.get(kind) or {}).items() if one is not False}
     for key in own:
         if key not in OWN[kind] and not key.startswith("x-"):
@@ -46,6 +50,8 @@ def _volume(work: Work, said: Mapping[str, Any], place: tuple[Step, ...]) -> Any
         short = "create_host_path" in own and ":" not in source and source.startswith(("/", "./", "../"))
     elif kind == "volume":
         source = work.called("volumes", source) if source else ""
+        if said.get("consistency"):
+            work.note("consistency has no effect on a named volume, so it is left out", *place, "consistency")
         modes += own.keys()
         short = bool(source)
         if not source and not modes:
@@ -56,7 +62,8 @@ def _volume(work: Work, said: Mapping[str, Any], place: tuple[Step, ...]) -> Any
     if short:
         return ":".join([source, target, *([",".join(modes)] if modes else [])])
     long = {"type": kind, "source": source, "target": target, "read_only": said.get("read_only") or None}
-    return nonempty({**long, "consistency": said.get("consistency"), kind: own})
+    consistency = said.get("consistency") if kind == "bind" else None
+    return nonempty({**long, "consistency": consistency, kind: own})
 
 
 def files_of(work: Work, name: str, section: str) -> list[Any]:
@@ -87,7 +94,8 @@ def _file(work: Work, section: str, source: str, said: Mapping[str, Any]) -> str
         return ""
     text = said.get("content")
     if said.get("environment"):
-        text = work.environment.get(said["environment"])
+        variable = work.project.variables.get(said["environment"])
+        text = variable.value if variable else None
         if text is None:
             message = f"{section}.{source}: the variable {said['environment']} is not set"
             work.refuse(message, section, source, "environment", remedy=f"{said['environment']}=... before the command")

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from rorg.compose.shorts import CDI
 from rorg.importing.compose_keys import HEALTHCHECK, SERVICE, SERVICE_NETWORK
 from rorg.importing.compose_mounts import volumes
 from rorg.importing.compose_work import Work, nonempty, size
@@ -19,6 +20,14 @@ ELSEWHERE = frozenset(("env_file", "environment", "labels", "container_name"))
 
 OF_THE_ENGINE = frozenset(("host", "none", "bridge"))
 """Networks that always exist; a container joins them with network_mode."""
+BUILT_IN = tuple(
+    f"/dev/{name}"
+    for name in (
+        *("dma_heap", "dri", "fuse", "gpiochip", "gpiomem", "i2c", "kfd", "kvm", "mem", "net", "null", "nv", "shm"),
+        *("spidev", "tegra", "vchiq", "vcio", "zero", "host1x"),
+    )
+)
+"""Devices that nobody plugs in."""
 WITHOUT = {"host": ("ports", "mac_address"), "none": ("ports",), "service": ("ports", "expose")}
 """Options that the engine ignores, by kind of network."""
 
@@ -28,9 +37,10 @@ def options(work: Work, name: str) -> dict[str, Any]:
     said = work.project.services[name]
     found: dict[str, Any] = {}
     for key, row in SERVICE.items():
-        if row.how == "carried" and key not in ELSEWHERE and said.get(key) is not None:
-            value = FORMS[key](work, name, said[key]) if key in FORMS else said[key]
-            if value not in ({}, []) or key == "entrypoint":
+        given = _gpu_requests(said) if key == "gpus" else said.get(key)
+        if row.how == "carried" and key not in ELSEWHERE and given is not None:
+            value = FORMS[key](work, name, given) if key in FORMS else given
+            if value not in ({}, [], None) or key == "entrypoint":
                 found[key] = value
     return _on_its_network(work, name, found)
 
@@ -55,9 +65,20 @@ def _rates(value: Mapping[str, Any]) -> Any:
     return {**value, **found}
 
 
-def _devices(value: list[Mapping[str, str]]) -> Any:
+def _devices(work: Work, name: str, value: list[Mapping[str, str]]) -> Any:
     found = []
-    for item in value:
+    nodes = [item for item in value if not CDI.fullmatch(item["source"])]
+    if unpluggable := [item for item in nodes if not item["source"].startswith(BUILT_IN)]:
+        names = ", ".join(item["source"] for item in unpluggable)
+        message = f"rorg waits for {names} to be plugged in only if `driver` names it"
+        work.note(
+            message,
+            "services",
+            name,
+            "devices",
+            remedy=f"driver: {{devices: [{', '.join(map(_entry, nodes))}]}} instead of container.devices",
+        )
+    for item in nodes:
         source, target, access = item["source"], item["target"], item["permissions"]
         short = source if target == source else f"{source}:{target}"
         found.append(short if access == "rwm" else f"{source}:{target}:{access}")
@@ -68,9 +89,50 @@ def _hosts(value: list[str]) -> Any:
     return [line.replace("=", ":", 1) for line in value]
 
 
-def gpus(value: list[Mapping[str, Any]]) -> Any:
-    """Requests for GPUs, from `gpus` or from the devices of a deployment."""
+def _entry(item: Mapping[str, str]) -> str:
+    """A device as `driver` names it."""
+    source, target = item["source"], item["target"]
+    return source if target == source else f"{{path: {source}, target: {target}}}"
+
+
+def _gpu_requests(said: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """The requests for GPUs of a service, each once: of `gpus`, of its deployment, and of devices with CDI names."""
+    reserved = ((said.get("deploy") or {}).get("resources") or {}).get("reservations") or {}
+    named = [item["source"] for item in said.get("devices") or () if CDI.fullmatch(item["source"])]
+    found = [*(said.get("gpus") or ()), *(reserved.get("devices") or ())]
+    found += [{"driver": "cdi", "device_ids": named}] * bool(named)
+    return [item for index, item in enumerate(found) if item not in found[:index]]
+
+
+def _gpus(value: list[Mapping[str, Any]]) -> Any:
     return [{k: "all" if k == "count" and v == -1 else v for k, v in item.items()} for item in value]
+
+
+def _logging(work: Work, name: str, value: Mapping[str, Any]) -> Any:
+    kept = nonempty(value.get("options") or {})
+    for option in (value.get("options") or {}).keys() - kept.keys():
+        work.note(f"logging.options.{option} has no value, so it is left out", "services", name, "logging")
+    return nonempty({**value, "options": kept})
+
+
+def _ulimits(work: Work, name: str, value: Mapping[str, Any]) -> Any:
+    """Limits of the kernel. The engine reads every negative number as no limit."""
+    found = {}
+    for limit, said in value.items():
+        both = said if isinstance(said, Mapping) else {"soft": said, "hard": said}
+        least = {key: max(number, -1) for key, number in both.items()}
+        if least != both:
+            work.note(
+                f"ulimits.{limit}: the engine takes {min(both.values())} for no limit", "services", name, "ulimits"
+            )
+        found[limit] = least if isinstance(said, Mapping) else least["soft"]
+    return found
+
+
+def _user(_work: Work, _name: str, value: str) -> Any:
+    """USER, USER:GROUP. Either side may be empty, if a variable is not set: the engine then takes root's."""
+    user, colon, group = value.partition(":")
+    return f"{user or 0}:{group}" if colon and group else user or None
 
 
 def _healthcheck(work: Work, name: str, value: Mapping[str, Any]) -> Any:
@@ -135,6 +197,7 @@ def _isolation(work: Work, name: str, value: str) -> Any:
     if value != "default":
         message = f"isolation: {value} cannot be carried over: it is for Windows"
         work.refuse(message, "services", name, "isolation", remedy="to drop it")
+        return None
     return value
 
 
@@ -148,14 +211,17 @@ BY_FORM: Mapping[str, Callable[[Any], Any]] = {"size": size, "duration": format_
 FORMS: Mapping[str, Form] = {
     **{name: _plain(BY_FORM[option.compose]) for name, option in OPTIONS.items() if option.compose in BY_FORM},
     "blkio_config": _plain(_rates),
-    "devices": _plain(_devices),
+    "devices": _devices,
     "extra_hosts": _plain(_hosts),
-    "gpus": _plain(gpus),
+    "gpus": _plain(_gpus),
     "healthcheck": _healthcheck,
     "isolation": _isolation,
+    "logging": _logging,
     "networks": _networks,
     "ports": _plain(_ports),
     "security_opt": _security,
+    "ulimits": _ulimits,
+    "user": _user,
     "volumes": volumes,
     "volumes_from": _volumes_from,
     **dict.fromkeys(("ipc", "network_mode", "pid"), _namespace),

@@ -10,8 +10,8 @@ from typing import Any
 
 from rorg.importing.compose_keys import DEPLOY, LIMIT, RESERVATION, SERVICE
 from rorg.importing.compose_mounts import files_of
-from rorg.importing.compose_options import gpus, options
-from rorg.importing.compose_work import SOUND, Work, size
+from rorg.importing.compose_options import options
+from rorg.importing.compose_work import Work, size
 from rorg.importing.manifests import NOTE, Made
 from rorg.manifest.dotenv import read_dotenv, values_of
 from rorg.manifest.yaml_text import Inline, Noted
@@ -30,6 +30,7 @@ LEAST = 60.0
 def services(work: Work, images: Mapping[str, str]) -> list[Made]:
     """All services, one for each copy. `images`: the image that each runs."""
     _link(work)
+    _rename(work)
     conditions = _conditions(work)
     return [made for name in work.project.services for made in _copies(work, name, images[name], conditions)]
 
@@ -45,6 +46,24 @@ def _link(work: Work) -> None:
                 work.note(message, "services", name, "links", index)
 
 
+def _rename(work: Work) -> None:
+    """Gives services that share a container_name different names. Under Compose, they are alternatives: only one of
+    them can run. A service that runs without a profile keeps the name."""
+    owners: dict[str, list[str]] = {}
+    services = work.project.services
+    for name in sorted(services, key=lambda n: n not in work.project.enabled):
+        if called := services[name].get("container_name"):
+            owners.setdefault(called, []).append(name)
+    for called, names in owners.items():
+        for index, name in enumerate(names[1:], 1):
+            own = work.renamed[name] = f"{work.project.name}-{name}-1"
+            message = f"{names[0]} has the container_name {called}, too, so this container is called {own}"
+            if not {name, *names[:index]} <= work.project.enabled:
+                work.rivals[name] = names[:index]
+                message += f", and {name} conflicts with {', '.join(names[:index])}"
+            work.warn(message, "services", name, "container_name")
+
+
 def _conditions(work: Work) -> dict[str, set[str]]:
     """Service -> the conditions that its dependants wait for."""
     found: dict[str, set[str]] = {}
@@ -55,17 +74,13 @@ def _conditions(work: Work) -> dict[str, set[str]]:
 
 
 def _copies(work: Work, name: str, image: str, conditions: Mapping[str, set[str]]) -> Iterator[Made]:
-    if not SOUND.fullmatch(name):
-        message = f"'{name}' is not a valid name of a service in rorg"
-        work.refuse(message, "services", name, remedy="letters, digits, - _ and dots, starting with a letter or digit")
-    elif name == "developer":
-        message = "'developer' names a person in rorg, not a service"
-        work.refuse(message, "services", name, remedy="another name")
     before = len(work.found)
     spec = _spec(work, name, image, conditions.get(name, set()))
-    told = [d for d in work.found[before:] if d.severity != "error"]
-    comments = [f"From {work.origin('services', name)}, service {name}."]
-    comments += [f"{d.message}{f'; {d.remedy}' if d.remedy else ''}" for d in told]
+    comments = [
+        f"From {work.origin('services', name)}, service {name}.",
+        *work.unbuilt.get(name, ()),
+        *work.told(before),
+    ]
     made = Made("Service", name, spec, tuple(comments))
     copies = work.copies(name)
     if copies == 0:
@@ -78,7 +93,7 @@ def _copies(work: Work, name: str, image: str, conditions: Mapping[str, set[str]
 
 
 def _called(work: Work, name: str, number: int) -> Noted:
-    said = work.project.services[name].get("container_name")
+    said = work.renamed.get(name) or work.project.services[name].get("container_name")
     return Noted(said or f"{work.project.name}-{name}-{number}", "as Compose calls it")
 
 
@@ -90,6 +105,8 @@ def _spec(work: Work, name: str, image: str, awaited: set[str]) -> dict[str, Any
         spec["command"] = list(said["command"])
     if needs := _needs(work, name):
         spec["needs"] = needs
+    if name in work.rivals:
+        spec["conflicts"] = work.rivals[name]
     if ready := _ready(work, name, awaited):
         spec["ready"] = ready
     resources, limits = deploy_options(work, name)
@@ -178,7 +195,7 @@ def _labels(work: Work, name: str) -> dict[str, str]:
     for key in found:
         if key.startswith("rorg.io/"):
             work.refuse(f"the label {key} is reserved for rorg", "services", name, "labels", key, remedy="another name")
-    return {key: str(value) for key, value in found.items()}
+    return {key: str(value) for key, value in found.items() if not key.startswith("rorg.io/")}
 
 
 def deploy_options(work: Work, name: str) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -196,7 +213,6 @@ def deploy_options(work: Work, name: str) -> tuple[dict[str, Any], dict[str, Any
         "mem_limit": size(limits.get("memory", 0)),
         "pids_limit": limits.get("pids"),
         "mem_reservation": memory,
-        "gpus": gpus(reserved.get("devices", [])),
     }
     found = {"cpu": reserved.get("cpus"), "memory": memory}
     return {k: v for k, v in found.items() if v}, {k: v for k, v in container.items() if v}

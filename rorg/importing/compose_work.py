@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from rorg.compose.project import Project
+from rorg.errors import advice
 from rorg.importing.compose_keys import Row
 from rorg.importing.manifests import NOTE
 from rorg.model.diagnostics import Diagnostic
@@ -29,14 +30,22 @@ class Work:
     """Absolute directory of the manifests."""
     top: Path
     """Paths below it are written relative to the manifests: the repository, or the project's directory."""
-    environment: Mapping[str, str]
     read: Callable[[Path], str | None]
     """The text of a file; None if it does not exist."""
+    skip: bool = False
+    """Leave out what cannot be carried over, with a warning instead of an error."""
     found: list[Diagnostic] = field(default_factory=list)
     files: dict[str, str] = field(default_factory=dict)
     private: set[str] = field(default_factory=set)
     aliases: dict[str, list[str]] = field(default_factory=dict)
     """Service -> names under which links of other services know it."""
+
+    unbuilt: dict[str, list[str]] = field(default_factory=dict)
+    """Service -> comments on why nothing builds its image."""
+    renamed: dict[str, str] = field(default_factory=dict)
+    """Service -> its container's name, if another service has the one that it declares."""
+    rivals: dict[str, list[str]] = field(default_factory=dict)
+    """Service -> services that declare the same name of a container before it."""
 
     def tell(self, severity: str, path: tuple[Step, ...], message: str, remedy: str = "") -> None:
         self.found.append(Diagnostic(self.project.where(*path), message, remedy, severity))
@@ -51,7 +60,15 @@ class Work:
 
     def refuse(self, message: str, *path: Step, remedy: str) -> None:
         """Reports something that cannot be carried over."""
-        self.tell("error", path, message, remedy)
+        if self.skip:
+            self.tell("warning", path, f"skipped: {message}", remedy)
+        else:
+            self.tell("error", path, message, remedy)
+
+    def told(self, before: int) -> list[str]:
+        """All findings after the first `before` ones that are not errors, as comments of a manifest."""
+        found = [d for d in self.found[before:] if d.severity != "error"]
+        return [d.message + advice(d.remedy) for d in found]
 
     def check(self, table: Mapping[str, Row], said: Mapping[str, Any], *path: Step, shown: str = "") -> None:
         """Reports all keys of a section that are dropped or refused. `shown`: prefix of the keys in messages."""

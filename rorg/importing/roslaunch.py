@@ -8,71 +8,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-from xml.parsers import expat
 
+from rorg.importing.launch_xml import MOST_ELEMENTS, Element, of_ros2, read_launch
 from rorg.importing.manifests import NOTE, Imported, Made
 from rorg.manifest.files import Outside
 from rorg.manifest.yaml_text import Inline, Noted
 from rorg.model.bounds import TooMuch
 from rorg.model.diagnostics import Diagnostic, Where
-
-MOST_ELEMENTS = 20_000
-"""Of one file. The largest real files have some hundreds."""
-MOST_DEPTH = 100
-"""Levels of nesting."""
-
-
-@dataclass(slots=True)
-class Element:
-    """One element, without the text between elements."""
-
-    tag: str
-    attributes: Mapping[str, str]
-    where: Where
-    children: list[Element] = field(default_factory=list)
-
-    def get(self, name: str, otherwise: str = "") -> str:
-        """The value of an attribute."""
-        return self.attributes.get(name, otherwise)
-
-
-def read_launch(path: Path, text: str) -> Element | Diagnostic:
-    """The outermost element, or why there is none. A document type is refused, because its entities multiply, and
-    launch files do not use them. Raises TooMuch."""
-    parser = expat.ParserCreate("utf-8")  # the text is decoded already, whatever encoding it declares
-    top = Element("", {}, Where(str(path)))
-    way, count = [top], 0
-
-    def place() -> Where:
-        return Where(str(path), parser.CurrentLineNumber, parser.CurrentColumnNumber + 1)
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        nonlocal count
-        count += 1
-        if count > MOST_ELEMENTS:
-            raise TooMuch(place(), f"more than {MOST_ELEMENTS} elements", "a smaller file")
-        if len(way) > MOST_DEPTH:
-            raise TooMuch(place(), f"more than {MOST_DEPTH} nested elements", "fewer groups")
-        made = Element(tag, attributes, place())
-        way[-1].children.append(made)
-        way.append(made)
-
-    def refuse(*_: object) -> None:
-        raise TooMuch(place(), "a document type (<!DOCTYPE>), which rorg does not read", "to drop it")
-
-    parser.StartElementHandler = start
-    parser.EndElementHandler = lambda _: way.pop()
-    parser.StartDoctypeDeclHandler = refuse
-    try:
-        parser.Parse(text.encode(), True)
-    except expat.ExpatError as error:
-        where = Where(str(path), error.lineno, error.offset + 1)
-        return Diagnostic(where, f"not XML: {expat.ErrorString(error.code)}", "to fix it")
-    found = top.children[0]
-    if found.tag != "launch":
-        return Diagnostic(found.where, f"it starts with <{found.tag}>", "<launch>")
-    return found
-
 
 IMAGE = "ros:noetic-ros-base"
 """Used if no other image is named."""
@@ -233,6 +175,17 @@ class _Reading:
         return _ARGUMENT.sub(fill, element.get(attribute))
 
 
+def _of_ros2(path: Path, package: str, arguments: Mapping[str, str]) -> Diagnostic:
+    """The refusal of a launch file of ROS 2, with what to write instead."""
+    words = [
+        *([package, path.name] if package else [str(path)]),
+        *(f"{key}:={value}" for key, value in arguments.items()),
+    ]
+    command = ", ".join(["ros2", "launch", *words])
+    message = f"{path.name} is a launch file of ROS 2, and rorg imports only those of ROS 1"
+    return Diagnostic(Where(str(path)), message, f"a Service with `command: [{command}]` and `profile: ros2`")
+
+
 def from_roslaunch(
     path: Path, read: Read, arguments: Mapping[str, str], image: str = "", with_master: bool = True
 ) -> Imported:
@@ -240,6 +193,11 @@ def from_roslaunch(
     path = path.absolute()
     package, name = _package(path, read)
     reading = _Reading(read, {name: package} if package and name else {})
+    try:
+        if of_ros2(path, read(path)):
+            return Imported(diagnostics=(_of_ros2(path, name, arguments),))
+    except OSError:
+        pass  # reported below, at its place
     try:
         reading.file(path, arguments, "/", Where(str(path)))
     except TooMuch as bound:

@@ -34,7 +34,17 @@ class Unit:
 
     @property
     def name(self) -> str:
-        return self.path.stem
+        """A valid name of a manifest: camera-front for camera@front.service."""
+        return re.sub(r"[^A-Za-z0-9_.-]", "-", self.path.stem).strip("._-") or "unit"
+
+    @property
+    def instance(self) -> str:
+        """`front` of camera@front.service; empty for other units, and for a template."""
+        return self.path.stem.partition("@")[2]
+
+    def of_instance(self, name: str) -> Unit:
+        """This template as the unit of an instance: `name` is camera@front.service."""
+        return Unit(self.path.with_name(name), self.settings)
 
     def where(self, key: str = "") -> Where:
         """The place of the first value of a key."""
@@ -71,6 +81,47 @@ def read_unit(path: Path, text: str) -> Unit:
         elif equals:
             unit.settings.pop(key.strip(), None)
     return unit
+
+
+def template_of(path: Path) -> Path:
+    """The template of an instance: camera@.service for camera@front.service. Other paths stay as they are."""
+    prefix, at, _ = path.stem.partition("@")
+    return path.with_name(f"{prefix}@{path.suffix}") if at else path
+
+
+def is_template(name: str) -> bool:
+    """Whether it is the name of a template, such as camera@.service."""
+    return name.rpartition(".")[0].endswith("@")
+
+
+def with_specifiers(unit: Unit) -> tuple[Unit, dict[str, str]]:
+    """The unit with its specifiers filled in as by the system's manager, and key -> the first one that has a value only
+    while systemd runs."""
+    prefix = unit.path.stem.partition("@")[0]
+    values = {
+        **{"%": "%", "n": unit.path.name, "N": unit.path.stem, "p": prefix, "P": _unescaped(prefix)},
+        **{"j": prefix.rpartition("-")[2], "h": "/root", "u": "root", "U": "0", "g": "root", "G": "0", "s": "/bin/sh"},
+        **{"t": "/run", "S": "/var/lib", "C": "/var/cache", "L": "/var/log", "E": "/etc", "T": "/tmp", "V": "/var/tmp"},
+    }
+    if unit.instance:
+        values |= {"i": unit.instance, "I": _unescaped(unit.instance), "J": unit.instance.rpartition("-")[2]}
+    unknown: dict[str, str] = {}
+
+    def filled(key: str, value: str) -> str:
+        def one(match: re.Match[str]) -> str:
+            if match[1] not in values:
+                unknown.setdefault(key, match[0])
+            return values.get(match[1], match[0])
+
+        return re.sub("%([A-Za-z%])", one, value)
+
+    settings = {key: [(filled(key, value), line) for value, line in every] for key, every in unit.settings.items()}
+    return Unit(unit.path, settings), unknown
+
+
+def _unescaped(name: str) -> str:
+    """A name as systemd-escape --unescape shows it."""
+    return re.sub(r"\\x([0-9a-f]{2})", lambda found: chr(int(found[1], 16)), name.replace("-", "/"))
 
 
 def seconds_of(text: str) -> float:

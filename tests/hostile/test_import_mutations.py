@@ -246,9 +246,7 @@ def test_mutated_compose_projects_are_imported_or_refused(tmp_path):
         loaded = load_project([tmp_path], {"HOME": "/home/x"}, read, profiles=["*"])
         assert (loaded.project is None) == bool(loaded.errors)
         if loaded.project is not None:
-            imported = from_compose(
-                loaded.project, tmp_path / "manifests", tmp_path, {"HOME": "/home/x"}, lambda _: None
-            )
+            imported = from_compose(loaded.project, tmp_path / "manifests", tmp_path, lambda _: None)
             is_whole(imported, tmp_path, case.number)
 
     fuzz("projects", 60, projects(tmp_path, PROJECT, PROJECT_WORDS, attempt))
