@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: site demo test properties fuzz soak lint types bench schemas docs evaluation constraints deb clean
+.PHONY: site demo test properties fuzz soak lint types bench corpus schemas docs evaluation constraints deb clean
 
 # Debian keeps the venv of its Python in a package of its own; .ci/venv sees to that.
 $(BIN)/rorg: pyproject.toml
@@ -37,6 +37,11 @@ properties: $(VENV)/test-installed
 # half, and whether what runs is what is asked for. `make test` does the same for some seconds.
 soak: $(VENV)/test-installed
 	SOAK_MINUTES=$(or $(MINUTES),20) $(BIN)/pytest -s tests/test_soak.py $(ARGS)
+
+# What becomes of each project in tests/cases/corpus when it is imported, and whether Compose, if it is installed, reads
+# it as rorg does.
+corpus: $(VENV)/test-installed
+	$(BIN)/python tests/corpus.py
 
 bench: $(VENV)/test-installed
 	$(BIN)/pytest tests/bench -s -o norecursedirs=x $(ARGS)
