@@ -68,6 +68,50 @@ def test_what_is_exported_is_the_same_robot(case, tmp_path):
     assert around(two) == around(one)
 
 
+SHARED = """\
+name: bot
+services:
+  nav: {image: lab/nav, env_file: [robot.env, nav.env]}
+  arm: {image: lab/arm, env_file: robot.env, devices: ['nvidia.com/gpu=all', /dev/arm]}
+  rviz: {image: lab/rviz, env_file: robot.env, profiles: [tools], depends_on: [nav, tf]}
+  tf: {image: lab/tf, profiles: [tools, debug]}
+"""
+
+
+def test_profiles_and_a_shared_file_of_variables_stay(tmp_path):
+    (tmp_path / "compose.yaml").write_text(SHARED)
+    (tmp_path / "robot.env").write_text("ROBOT=bot\nKEY=a b\n")
+    (tmp_path / "nav.env").write_text("MAP=lab\n")
+    one = imported(read_project([tmp_path / "compose.yaml"], {}).project, tmp_path, tmp_path / "manifests")
+    exported = export(one, str(tmp_path), "bot")
+    services = exported.document["services"]
+    assert {name: said.get("env_file") for name, said in services.items()} == {
+        "nav": ["./shared.env", "./nav.env"],
+        "arm": ["./shared.env"],
+        "rviz": ["./shared.env"],
+        "tf": None,
+    }
+    assert exported.files == {"shared.env": "KEY='a b'\nROBOT=bot\n", "nav.env": "MAP=lab\n"}
+    assert {name: said.get("profiles") for name, said in services.items()} == {
+        "nav": None,
+        "arm": None,
+        "rviz": ["tools"],
+        "tf": ["debug", "tools"],
+    }
+    assert services["arm"]["devices"] == ["/dev/arm", "nvidia.com/gpu=all"]
+    assert "deploy" not in services["arm"]
+    assert [n.text for n in exported.notes if n.field == "Group"] == [
+        "debug: `docker compose --profile debug up --detach`",
+        "tools: `docker compose --profile tools up --detach`",
+    ]
+    (tmp_path / "exported.yaml").write_text(write(exported))
+    for name, text in exported.files.items():
+        (tmp_path / name).write_text(text)
+    two = imported(read_project([tmp_path / "exported.yaml"], {}).project, tmp_path, tmp_path / "again")
+    assert containers(two) == containers(one)
+    assert two.groups.keys() == one.groups.keys()
+
+
 def around(catalog: Catalog) -> dict[str, Any]:
     """What is said of services beside their containers."""
     return {

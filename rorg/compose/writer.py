@@ -11,9 +11,11 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
+from rorg.compose.writer_env_files import env_files
 from rorg.compose.writer_images import base_images, build
 from rorg.compose.writer_notes import condition, notes_of
 from rorg.compose.writer_options import OPTIONS, SOCKET, Writing
+from rorg.compose.writer_profiles import profiles
 from rorg.compose.writer_text import Exported
 from rorg.model.catalog import Catalog, Service
 from rorg.model.image_names import declared, stem
@@ -35,8 +37,13 @@ def export(catalog: Catalog, base: str, name: str) -> Exported:
     volumes = sections("volume", catalog.volumes, services.values())
     document: dict[str, Any] = {"name": project(name), "services": {}}
     notes, files = list(notes_of(catalog)), dict[str, str]()
+    secrets = env_files({n: found for n, s in services.items() if (found := _secrets(s))})
+    groups = profiles(catalog)
     for service in services.values():
         writing = Writing(service.name, containers, _keys(networks), _keys(volumes), base)
+        _write_secrets(writing, secrets.get(service.name, {}))
+        if service.name in groups:
+            writing.put("profiles", groups[service.name])
         document["services"][service.name] = _service(writing, service, catalog)
         notes += writing.notes
         files |= writing.files
@@ -57,12 +64,8 @@ def project(name: str) -> str:
 
 def _service(writing: Writing, service: Service, catalog: Catalog) -> Mapping[str, Any]:
     spec = {"container_name": service.name, **(service.spec or {})}
-    secrets = {k: v for k, v in spec.get("environment", {}).items() if k in service.secrets}
-    if secrets:
+    if secrets := _secrets(service):
         spec["environment"] = {k: v for k, v in spec["environment"].items() if k not in secrets}
-        writing.files[f"{service.name}.env"] = dotenv(secrets)
-        writing.put("env_file", [f"./{service.name}.env"])
-        writing.note("secrets", f"{', '.join(sorted(secrets))}: in {service.name}.env, which is secret", lost=False)
     if "restart" not in spec and service.restart in RESTART:
         spec["restart"] = RESTART[service.restart]
     if spec.get("network_disabled"):
@@ -83,6 +86,20 @@ def _service(writing: Writing, service: Service, catalog: Catalog) -> Mapping[st
     if needs := _needs(service, catalog):
         writing.put("depends_on", needs)
     return _ordered(writing.section)
+
+
+def _secrets(service: Service) -> dict[str, str]:
+    """The secret variables of its environment, with their values."""
+    return {k: v for k, v in (service.spec or {}).get("environment", {}).items() if k in service.secrets}
+
+
+def _write_secrets(writing: Writing, files: Mapping[str, Mapping[str, str]]) -> None:
+    """Refers to files of variables, and writes them."""
+    for file, values in files.items():
+        writing.files[file] = dotenv(values)
+        writing.note("secrets", f"{', '.join(sorted(values))}: in {file}, which is secret", lost=False)
+    if files:
+        writing.put("env_file", [f"./{file}" for file in files])
 
 
 FIRST = ("image", "build", "container_name", "command", "entrypoint", "depends_on")

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 from rorg.compose.writer_images import is_directory
+from rorg.compose.writer_profiles import profiles
 from rorg.compose.writer_text import Note
 from rorg.model.catalog import DEVELOPER, Catalog, Idle, Probe, Service, Updating
 from rorg.model.graph import parents_first, stands_on
@@ -86,8 +87,12 @@ def notes_of(catalog: Catalog) -> Iterator[Note]:
     for request in catalog.requests:
         names = " ".join(request.services)
         yield Note("", "Request", f"{request.id} of {request.requester}: `docker compose up --detach {names}`")
+    profiled = profiles(catalog)
     for group in (catalog.groups[n] for n in sorted(catalog.groups)):
-        yield Note("", "Group", f"{group.name}: {', '.join(group.services)}")
+        if all(group.name in profiled.get(name, ()) for name in group.services):
+            yield Note("", "Group", f"{group.name}: `docker compose --profile {group.name} up --detach`", lost=False)
+        else:
+            yield Note("", "Group", f"{group.name}: {', '.join(group.services)}")
     yield from _policy(catalog)
     yield from _images(catalog)
     for name in sorted(catalog.services):

@@ -17,6 +17,8 @@ from rorg.model.units import format_duration
 from rorg.model.volumes import is_path
 
 Section = dict[str, Any]
+CDI = "cdi"
+"""The driver of devices of the Container Device Interface."""
 SOCKET = "RORG_SOCKET"
 """The variable that tells a service where rorg is."""
 
@@ -98,12 +100,16 @@ def _devices(writing: Writing, option: str, value: list[str]) -> None:
 def _gpus(writing: Writing, _option: str, value: list[Mapping[str, Any]]) -> None:
     """GPUs as reservations of devices, which every Compose of version 2 understands."""
     devices = []
-    for gpu in value:
+    named = [name for gpu in value if gpu.get("driver") == CDI for name in gpu.get("device_ids") or ()]
+    if named:
+        writing.put("devices", [*writing.section.get("devices", ()), *named])
+    for gpu in (gpu for gpu in value if gpu.get("driver") != CDI):
         device = {k: v for k, v in gpu.items() if v not in (None, {}, [])}
         if not device.get("device_ids"):
             device["count"] = "all" if device.get("count") in (None, -1, "all") else device["count"]
         devices.append({**device, "capabilities": list(dict.fromkeys([*gpu.get("capabilities", []), "gpu"]))})
-    writing.put("deploy", {"resources": {"reservations": {"devices": devices}}})
+    if devices:
+        writing.put("deploy", {"resources": {"reservations": {"devices": devices}}})
 
 
 def _links(writing: Writing, _option: str, value: list[str]) -> None:
