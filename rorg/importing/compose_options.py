@@ -27,7 +27,7 @@ BUILT_IN = tuple(
         *("spidev", "tegra", "vchiq", "vcio", "zero", "host1x"),
     )
 )
-"""Devices that nobody plugs in."""
+"""Devices that are part of the machine or of the kernel."""
 WITHOUT = {"host": ("ports", "mac_address"), "none": ("ports",), "service": ("ports", "expose")}
 """Options that the engine ignores, by kind of network."""
 

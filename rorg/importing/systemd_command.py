@@ -36,7 +36,7 @@ def words_of(line: Line) -> list[str]:
 
 
 def shell_line(before: list[Line], starts: list[Line]) -> str:
-    """What a shell runs: one command after the other, and the last in its place. Raises ValueError for an unclosed
+    """A line for a shell: one command after the other, and the last in its place. Raises ValueError for an unclosed
     quote."""
     first, last = [*before, *starts[:-1]], starts[-1:]
     lines = [f"{{ {_of_shell(line)} || true; }}" if "-" in line.prefixes else _of_shell(line) for line in first]
