@@ -17,6 +17,7 @@ from typing import NamedTuple
 SAID = "-- said by: "
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 PATH = re.compile(r"(?:#!.*\n)?# ([\w./-]+/[\w.-]+)\n")
+AGE = re.compile(r"\b\d+s\b")
 BEGUN = "timeout 60 sh -c 'until [ -S {socket} ]; do sleep 0.1; done'"
 """A person takes longer than that to go on after `rorg run &`."""
 
@@ -49,9 +50,10 @@ def _written(path: str, text: str) -> str:
     return f"mkdir -p {Path(path).parent} && printf %s {shlex.quote(text)} >{path}"
 
 
-def script(steps: list[Step], socket: str) -> str:
-    """What a shell does of it, each step after a line that says its number. `socket`: of the rorg that is begun."""
-    begun = BEGUN.format(socket=socket)
+def script(steps: list[Step], socket: str = "") -> str:
+    """What a shell does of it, each step after a line with its number. `socket`: of the rorg that is begun; without
+    it nothing waits for that rorg, as in a shell where all is pasted at once."""
+    begun = BEGUN.format(socket=socket) if socket else ":"
     return "\n".join(
         f"{step.command}\n{begun}" if step.command.endswith("&") else f"echo '{SAID}{number}'\n{step.command}"
         for number, step in enumerate(steps)
@@ -64,8 +66,10 @@ def parts(said: str) -> dict[str, str]:
 
 
 def is_in(expected: str, told: str) -> bool:
-    """Whether these words stand there one after the other, however they are spaced and whatever stands beside them."""
-    return " ".join(expected.split()) in " ".join(told.split())
+    """Whether these words stand there one after the other, however they are spaced and whatever stands beside them.
+    Any age is as good as another."""
+    one, other = (" ".join(AGE.sub("1s", text).split()) for text in (expected, told))
+    return one in other
 
 
 def check(steps: list[Step], told: dict[str, str], said: str) -> None:

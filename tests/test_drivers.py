@@ -364,3 +364,9 @@ def test_a_service_of_the_last_good_tree_is_read_back_whole(tmp_path):
     found = read_kept(tmp_path)
     assert (found.catalog.services, found.catalog.groups) == (kept.catalog.services, kept.catalog.groups)
     assert found.former == kept.former
+
+
+def test_true_is_a_driver_without_devices_and_false_is_none(tmp_path):
+    write_tree(tmp_path, {"arm": {"driver": True}, "wheels": {"driver": {}}, "camera": {"driver": False}})
+    services = load_or_raise(tmp_path).services
+    assert (services["arm"].driver, services["wheels"].driver, services["camera"].driver) == (True, True, False)

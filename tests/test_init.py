@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -14,6 +15,8 @@ import jsonschema
 import pytest
 import yaml
 from conftest import BASE_IMAGE, wait_for
+
+from rorg.manifest.models import SPECS
 
 IDENTITY = {
     "GIT_AUTHOR_NAME": "somebody",
@@ -44,6 +47,32 @@ def test_its_manifests_agree_with_the_schemas_that_they_name(tmp_path):
         head = path.read_text().splitlines()[0]
         schema = path.parent / head.partition("$schema=")[2]
         jsonschema.validate(yaml.safe_load(path.read_text()), json.loads(schema.read_text()))
+
+
+def test_vs_code_finds_a_schema_for_each_kind(tmp_path):
+    rorg(tmp_path, "init", "robot")
+    found = json.loads((tmp_path / "robot/.vscode/settings.json").read_text())["yaml.schemas"]
+    assert all((tmp_path / "robot" / schema).exists() for schema in found)
+    of_manifests = {kind.lower() for kind in SPECS} - {"trace", "workload"}
+    assert {Path(schema).stem for schema in found} == of_manifests
+    tracked = subprocess.check_output(["git", "-C", tmp_path / "robot", "ls-files"], text=True).split()
+    assert ".vscode/settings.json" in tracked
+
+
+def test_what_its_comments_offer_is_accepted(tmp_path):
+    """Each commented field, with its comment sign taken away."""
+    rorg(tmp_path, "init", "robot")
+    offered = 0
+    for path in sorted((tmp_path / "robot/services").glob("*.yaml")):
+        text = path.read_text()
+        for line in text.splitlines():
+            plain = re.sub(r"^( +)# (?=\w+:)", r"\1", line)
+            if plain != line:
+                path.write_text(text.replace(line, plain))
+                assert "3 services" in rorg(tmp_path, "validate", "robot").stderr, plain
+                path.write_text(text)
+                offered += 1
+    assert offered
 
 
 def test_it_goes_where_it_stands(tmp_path):

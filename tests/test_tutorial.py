@@ -70,10 +70,10 @@ def test_the_wheel_holds_the_client_the_demo_and_the_first_robot(wheel):
 
 
 def test_the_tutorial_word_for_word(dockerd, rorg_image, wheel, tmp_path):
-    """In a container with Python and git; at its end nothing is left but the robot's own tree."""
+    """In a container with Python and git, pasted as one block; at its end nothing is left but the robot's own tree."""
     steps = pages.steps(PAGE)
     shutil.copy(wheel, tmp_path)
-    (tmp_path / "script").write_text(PREPARE + pages.script(steps, "/run/rorg/rorg.sock") + AT_THE_END)
+    (tmp_path / "script").write_text(PREPARE + pages.script(steps) + AT_THE_END)
     (tmp_path / "began").touch()
     said = run(dockerd.host, rorg_image, tmp_path)
     parts = pages.parts(said)

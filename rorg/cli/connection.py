@@ -24,6 +24,8 @@ HELD_BACK = 2.0
 """Seconds that the running rorg may hold back an answer until there is nothing to wait for."""
 ANSWER = 2.0
 """Seconds within which a working rorg answers, however busy it is."""
+STARTING = 10.0
+"""Seconds within which `rorg run` serves. A pasted script goes on right after `rorg run &`."""
 
 
 class Connection:
@@ -111,6 +113,13 @@ class Connection:
             self._client = client
         return self._client
 
+    def await_start(self, seconds: float) -> None:
+        """Returns when an rorg serves here, or none is starting. Another robot's rorg that starts counts as well: until
+        it is up, nothing tells them apart."""
+        end = time.monotonic() + min(seconds, STARTING)
+        while self.client() is None and is_starting() and time.monotonic() < end:
+            time.sleep(0.05)
+
     def serving(self, what: str) -> Client:
         """The same; raises Unreachable if none serves."""
         found = self.client()
@@ -134,6 +143,18 @@ class Connection:
             # Answers take time that rorg needs for what is waited for, so the pauses grow.
             time.sleep(min(max(0.01, 0.1 * waited), 0.25))
         raise NotReady(f"wait for {what}", f"not ready after {timeout:g} s: {why}", "`rorg describe` for details")
+
+
+def is_starting() -> bool:
+    """Whether a process on this machine began `rorg run` a moment ago."""
+    import psutil
+
+    for process in psutil.process_iter(["cmdline", "create_time"]):
+        words = process.info["cmdline"] or []
+        program = [os.path.basename(word) for word in words[:3]]
+        if "rorg" in program and "run" in words[1:] and time.time() - process.info["create_time"] < STARTING:
+            return True
+    return False
 
 
 def handshake(client: Client) -> dict[str, Any]:

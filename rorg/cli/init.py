@@ -10,6 +10,8 @@ from rorg.cli.output import disk_errors, note
 from rorg.errors import Refused
 
 TEMPLATE = Path(__file__).parent / "first_robot"
+WRITTEN = ("services", "schemas", "README.md", ".gitignore", ".vscode")
+HIDDEN = ("gitignore", "vscode")
 NEXT = """{name} is a robot of three services{git}. Next:
 {cd}  rorg validate                     # every mistake, with file:line:column
   rorg build                        # on Docker, once: fetch the images
@@ -41,9 +43,9 @@ def command(
 
 
 def _place(path: Path) -> Path:
-    """The place of a file of the template, whose .gitignore has another name so that git does not obey it here."""
+    """The place of a file of the template, where hidden names have no dot so that no tool obeys them here."""
     place = path.relative_to(TEMPLATE)
-    return place.with_name(".gitignore") if place.name == "gitignore" else place
+    return Path(f".{place}") if place.parts[0] in HIDDEN else place
 
 
 def _committed(directory: Path) -> str:
@@ -56,10 +58,8 @@ def _committed(directory: Path) -> str:
     try:
         if not git("rev-parse", "--git-dir") and not git("init", "--quiet"):
             return ""
-        git("add", "--", "services", "schemas", "README.md", ".gitignore")
-        done = git(
-            "commit", "--quiet", "--message", "A first robot", "--", "services", "schemas", "README.md", ".gitignore"
-        )
+        git("add", "--", *WRITTEN)
+        done = git("commit", "--quiet", "--message", "A first robot", "--", *WRITTEN)
         return ", in git" if done else "; commit it: `git commit -am 'A first robot'`"
     except OSError:  # there is no git here; rorg works without it
         return ""

@@ -9,9 +9,11 @@ from rorg.cli.output import print_rows
 
 def command(context: Robot, services: ServiceNames, timeout: Timeout = 60.0, output: Output = "table") -> None:
     """Return when services and everything they need are ready. Exit 4 with the reason if they do not become ready.
+    An rorg that is just starting gets 10 seconds.
 
     Example: rorg wait navigation --timeout 30s
     """
+    context.await_start(timeout)
     robot = operating(context)
     robot.check_wait(f"wait for {', '.join(services)}")
     robot.wait(services, timeout)

@@ -68,6 +68,11 @@ ProfileNames = Annotated[
     Field(min_length=1),
     Written("name | list of name", {"type": "string", "pattern": NAME}),
 ]
+OptionalDriver = Annotated[
+    Driver | None,
+    BeforeValidator(lambda value: ({} if value else None) if isinstance(value, bool) else value),
+    Written("Driver | true | false", {"type": "boolean"}),
+]
 _NeedForm = BeforeValidator(lambda value: {"service": value} if isinstance(value, str) else value)
 Needs = list[Annotated[Need, _NeedForm, Written("name | Need", TEXT)]]
 Restart = Literal["always", "on-failure", "never"]
@@ -167,8 +172,9 @@ class ServiceSpec(Strict):
     ros: Ros | None = unchanging(
         "Its settings at the ROS 1 master.", {"parameters": {"/robot_name": "freight", "/move_base/max_vel": 0.5}}
     )
-    driver: Driver | None = recreate(
-        "Hardware that it talks to: it gets these devices and no others.", {"devices": ["/dev/ttyUSB0:/dev/base"]}
+    driver: OptionalDriver = recreate(
+        "Hardware that it talks to: it gets these devices and no others. `true` for a driver without devices.",
+        {"devices": ["/dev/ttyUSB0:/dev/base"]},
     )
     mounts: list[str] | None = recreate(
         "Configuration of this tree inside the container, read only: ./dir:/path/in/container.",
