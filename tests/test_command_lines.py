@@ -62,7 +62,7 @@ get nonsense; get sevices; get services nosuch; get groups nosuch; get images no
 get requests nosuch
 get -o yml; get -o ''; get -o JSON; get --engine podman; get --engine ''x; get LINES; get --manifests nosuch
 get --manifests a-file; get --manifests empty; get --manifests broken
-describe amr; describe nosuch; describe services/arm; describe arm -o table2; why amr; why nosuch -o json; why é
+describe amr; describe nosuch; describe arm -o table2; why amr; why nosuch -o json; why é
 why ../arm
 why arm -o nosuch; request amr; request ''; request arm ''; request arm --id ''' '''; request arm --id a/b
 request arm --ttl 0s

@@ -7,7 +7,7 @@ import contextlib
 import json
 import time
 from collections.abc import AsyncGenerator, Callable, Iterator, Sequence
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 from fastapi import FastAPI, Query, Request
 from fastapi.responses import Response
@@ -50,16 +50,26 @@ class Readers:
             self.count -= more
 
 
-def asked_for(
-    services: Sequence[str], follow: bool, tail: int | None, since: str | None, after: Sequence[str] = ()
-) -> Asked:
+class Selection(NamedTuple):
+    """Which lines to read, as callers write it."""
+
+    follow: bool = False
+    tail: int | None = None
+    since: str | None = None
+    until: str | None = None
+    previous: bool = False
+
+
+def asked_for(services: Sequence[str], lines: Selection, after: Sequence[str] = ()) -> Asked:
     """What to read. Raises Invalid."""
+    if lines.follow and (lines.until or lines.previous):
+        raise Invalid("follow logs", "earlier lines are asked for", "it without following")
     try:
-        epoch = parse_since(since, time.time()) if since else None
+        since, until = (parse_since(text, time.time()) if text else None for text in (lines.since, lines.until))
     except ValueError as error:
         raise Invalid("read logs", str(error)) from error
     known = {name: cursor for name, _, cursor in (text.partition(":") for text in after)}
-    return Asked(tuple(services), follow, tail, epoch, known)
+    return Asked(tuple(services), lines.follow, lines.tail, since, until, lines.previous, known)
 
 
 def has_log(named: Sequence[str], asked: Asked, find: Find) -> None:
@@ -90,15 +100,18 @@ def add_logs(app: FastAPI, operations: Operations) -> None:
         follow: bool = False,
         tail: Annotated[int | None, Query(ge=0, description="Lines of each service. Default: all.")] = None,
         since: Annotated[str | None, Query(max_length=64, description="10m (ago), or a time in RFC 3339.")] = None,
+        until: Annotated[str | None, Query(max_length=64, description="Only earlier lines, as with `since`.")] = None,
+        previous: Annotated[bool, Query(description="Only lines from before the current run.")] = False,
         after: Cursors = None,
     ) -> Response:
         """What a service, or each of a group, has printed, merged by time; when following, also new lines, across runs
         and containers, each line once. To continue after a lost connection, give the last cursor of each service. The
-        process engine keeps no times: its lines come one service after the other, and `since` is refused."""
+        process engine keeps no times: its lines come one service after the other, and `since`, `until` and `previous`
+        are refused."""
         named = [name, *(also or ())]
         services = [n for s in dict.fromkeys(named) for n in operations.current.members(s)]
         kept = [n for n in dict.fromkeys(services) if not operations.catalog.services[n].meta]
-        asked = asked_for(kept, follow, tail, since, after or ())
+        asked = asked_for(kept, Selection(follow, tail, since, until, previous), after or ())
         check(operations.engine, asked)
         if not follow:
             operations.check_engine(f"read the logs of {', '.join(named)}")

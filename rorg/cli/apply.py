@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from rorg.cli.context import Context
 from rorg.cli.differences import Differences, differences, warn_of_other_tree
-from rorg.cli.options import Output, Timeout, TreeDirectory, Wait, Yes
+from rorg.cli.options import Option, Output, Timeout, TreeDirectory, Yes
 from rorg.cli.output import consent, note, print_rows
 from rorg.cli.published import SETTLED, condition, hopeless, unready
 from rorg.errors import NotReady, Refused
 from rorg.model.codes import IMAGE
 from rorg.model.units import stamp
+
+READY, PROVEN = "ready", "proven"
+"""What --wait waits for: probes have answered, or the bake of every change is over as well."""
 
 if TYPE_CHECKING:
     from rorg.store.requests_document import RequestsDocument
@@ -22,7 +25,15 @@ if TYPE_CHECKING:
 def command(
     context: TreeDirectory,
     yes: Yes = False,
-    wait: Wait = False,
+    wait: Annotated[
+        str,
+        Option(
+            "Return when everything is ready, or with =proven when it has also stayed well; exit 4 if that fails.",
+            names=("--wait",),
+            bare=READY,
+            choices=(READY, PROVEN),
+        ),
+    ] = "",
     timeout: Timeout = 300.0,
     output: Output = "table",
 ) -> None:
@@ -71,13 +82,14 @@ def agree(
         consent(what, question)
 
 
-def bring_about(context: Context, owner: dict[str, Any] | None, shown: Differences, wait: bool, timeout: float) -> None:
-    """Carries out the plan, and returns when that is done. Raises NotReady."""
+def bring_about(context: Context, owner: dict[str, Any] | None, shown: Differences, wait: str, timeout: float) -> None:
+    """Carries out the plan, and returns when that is done; with `wait`, when everything is READY or PROVEN. Raises
+    NotReady."""
     if owner is None:
         from rorg.cli.local_apply import carry_out
 
         _confirm_here(context, shown)
-        carry_out(context, shown.tree, shown.decision, wait, timeout)
+        carry_out(context, shown.tree, shown.decision, bool(wait), timeout)
     else:
         _through(context, owner, shown, wait, timeout)
 
@@ -104,7 +116,7 @@ def _confirm_here(context: Context, shown: Differences) -> None:
     context.change(edit)
 
 
-def _through(context: Context, owner: dict[str, Any], shown: Differences, wait: bool, timeout: float) -> None:
+def _through(context: Context, owner: dict[str, Any], shown: Differences, wait: str, timeout: float) -> None:
     """Confirms what was shown to the running rorg, which follows its own tree, and waits until it is done."""
     who = f"rorg at {context.remote}" if context.remote else f"{owner.get('what')} (pid {owner.get('pid')})"
     note(f"{who} carries it out")
@@ -121,9 +133,12 @@ def _through(context: Context, owner: dict[str, Any], shown: Differences, wait: 
             context.serving("confirm the removal").call("PUT", "/v1/removals", {"services": left})
         if left:
             return f"the removal of {', '.join(left)} has not begun"
-        return _unfinished(view, wait) or (_on_trust(view, shown.probed) if wait else "")
+        unfinished = _unfinished(view, bool(wait)) or (_on_trust(view, shown.probed) if wait else "")
+        return unfinished or (_unproven(view) if wait == PROVEN else "")
 
     context.wait("the running rorg", done, timeout)
+    if wait == READY and (left := _unproven(context.live() or {})):
+        note(f"ready, but {left}; `rorg apply --wait=proven` waits for that")
 
 
 def _follows(context: Context, owner: dict[str, Any], shown: Differences) -> None:
@@ -150,6 +165,14 @@ def _on_trust(view: dict[str, Any], probed: list[str]) -> str:
         if s["wanted"] and s["incarnation"] and since < s["started_at"] <= until and name not in probed
     ]
     return f"{', '.join(fresh)}: it has just begun" if fresh else ""
+
+
+def _unproven(view: dict[str, Any]) -> str:
+    """Why the manifests in force are not known to stay well; empty if they are. Raises NotReady if they failed."""
+    standing = (view.get("tree") or {}).get("standing") or {}
+    if standing.get("code") == "failed":
+        raise NotReady("wait for the running rorg", standing["reason"], "`rorg history`")
+    return str(standing["reason"]) if standing.get("code") in ("applying", "baking") else ""
 
 
 def _unfinished(view: dict[str, Any], wait: bool) -> str:

@@ -7,14 +7,17 @@ that are not options. It is not argparse or typer: to import those takes longer 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from rorg.cli.options import Argument, Option
+from rorg.cli.options import SERVICES, Argument, Option
 from rorg.cli.signature import Parameter, parted
 from rorg.cli.usage import misread, unknown_option
 
+SERVICE = re.compile(r"services?/(?=.)")
+"""In front of a name, as users of kubectl write it: service/navigation."""
 WORDS = {int: "a whole number", float: "a number"}
 
 
@@ -55,6 +58,8 @@ def _split(name: str, declared: Sequence[Parameter], words: Sequence[str]) -> tu
         if found.flag:
             left[:0] = ["-" + text] if text else []  # flags together
             text = ""
+        elif isinstance(found.declared, Option) and found.declared.bare and not equals:
+            text = found.declared.bare
         elif not (equals or text):
             if not left:
                 raise misread(name, f"{option} needs a value")
@@ -106,7 +111,8 @@ def _value(name: str, parameter: Parameter, called: str, text: str) -> Any:
 def _plain(parameter: Parameter, text: str) -> Any:
     """A text, a path or a number. Raises ValueError."""
     if parameter.type in (str, Path):
-        return parameter.type(text)
+        named = isinstance(parameter.declared, Argument) and parameter.declared.completes == SERVICES
+        return parameter.type(SERVICE.sub("", text) if named else text)
     try:
         value = parameter.type(text)
     except ValueError:

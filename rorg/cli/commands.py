@@ -59,6 +59,8 @@ ALIASES = {
     "up": "run",
     "start": "request",
     "stop": "release",
+    "pull": "build",
+    "stats": "top",
 }
 """Words of Docker and systemd for commands of rorg. `up` is the counterpart of `down`, as with Compose."""
 

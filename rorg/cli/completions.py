@@ -104,7 +104,7 @@ def _given(options: dict[str, Parameter], words: Sequence[str]) -> Given:
             given.options[awaited.name], awaited = word, None
         elif found:
             given.options[found.name] = value
-            awaited = None if found.flag or equals else found
+            awaited = found if found.takes_next and not equals else None
         elif not word.startswith("-"):
             given.arguments.append(word)
     return given._replace(awaited=awaited)

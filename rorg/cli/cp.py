@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import sys
+import tarfile
+import tempfile
 from pathlib import Path
 from typing import Annotated
 
 from rorg.cli.exec import container_of
 from rorg.cli.options import Argument, RobotEngine
-from rorg.errors import Invalid
+from rorg.errors import Invalid, Refused
 
-Place = Annotated[str, Argument("SERVICE:PATH, or a path on this machine; one of each.")]
+STREAM = "-"
+
+Place = Annotated[str, Argument("SERVICE:PATH, or a path on this machine; one of each. - is a tar stream.")]
 
 
 def command(context: RobotEngine, source: Place, target: Place) -> None:
@@ -23,15 +28,44 @@ def command(context: RobotEngine, source: Place, target: Place) -> None:
         raise Invalid(
             what, "one of the two must be SERVICE:PATH, the other a path of this machine", "`rorg cp SERVICE:/path .`"
         )
-    if from_service and not Path(place).is_dir() and not Path(place).absolute().parent.is_dir():
+    if from_service and place != STREAM and not Path(place).absolute().parent.is_dir():
         raise Invalid(what, f"no directory {Path(place).parent}", "to create it first")
-    if to_service and not Path(origin).exists():
+    if to_service and origin != STREAM and not Path(origin).exists():
         raise Invalid(what, f"no such file: {origin}", "another path")
-    container = container_of(context, from_service or to_service, what)
-    if from_service:
-        context.engine().fetch(container.id, origin, Path(place))
+    if from_service and place == STREAM and sys.stdout.isatty():
+        raise Refused(what, "a terminal cannot show a tar stream", "to redirect it: > FILE")
+    container, engine = container_of(context, from_service or to_service, what), context.engine()
+    if STREAM in (origin, place):
+        with tempfile.TemporaryDirectory(prefix="rorg-cp-") as folder:
+            if from_service:
+                engine.fetch(container.id, origin, Path(folder))
+                _write(Path(folder))
+            else:
+                for path in _read(Path(folder), what):
+                    engine.put(container.id, path, place)
+    elif from_service:
+        engine.fetch(container.id, origin, Path(place))
     else:
-        context.engine().put(container.id, Path(origin), place)
+        engine.put(container.id, Path(origin), place)
+
+
+def _write(folder: Path) -> None:
+    """Writes what is in a folder as a tar stream, as `docker cp` does."""
+    with tarfile.open(fileobj=sys.stdout.buffer, mode="w|") as archive:
+        for path in folder.iterdir():
+            archive.add(path, path.name)
+
+
+def _read(folder: Path, what: str) -> list[Path]:
+    """Unpacks a tar stream; what is at its top. Raises Invalid."""
+    try:
+        with tarfile.open(fileobj=sys.stdin.buffer, mode="r|*") as archive:
+            archive.extractall(folder, filter="tar")
+    except (tarfile.TarError, OSError, EOFError) as error:
+        raise Invalid(
+            what, f"standard input is no tar stream that can be unpacked: {error}", "`tar c FILE |`"
+        ) from error
+    return sorted(folder.iterdir())
 
 
 def _parted(text: str) -> tuple[str, str]:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Annotated, Any
 
 from rorg.cli.context import Context
-from rorg.cli.options import SERVICES, Option, Output, Robot, moment, words
+from rorg.cli.options import SERVICES, Argument, Option, Output, Robot, moment, words
 from rorg.cli.output import as_json, echo, end_with_reader
 from rorg.cli.terminal import entry, printable
 from rorg.errors import Invalid
@@ -21,6 +21,9 @@ MOST_TOLD = 10_000
 
 def command(
     context: Robot,
+    services: Annotated[
+        list[str] | None, Argument("Only about these services. Default: about everything.", completes=SERVICES)
+    ] = None,
     follow: Annotated[bool, Option("Follow new entries.", names=("-f", "--follow"))] = False,
     tail: Annotated[
         int | None, Option("Number of entries, the last ones. Default: 20, or all with --since.", least=0)
@@ -37,11 +40,12 @@ def command(
     crashes, pressure. Repeated events share one line ("x 14 since ..."), except with -f. JSON is one object per
     line, YAML one document per event.
 
-    Example: rorg events --service navigation --kind crashed,stalled --since 1h
+    Example: rorg events navigation --kind crashed,stalled --since 1h
     """
     if follow and until:
         raise Invalid("follow events", "--until and -f contradict each other", "one of them")
-    only = {"kind": words(kind), "service": words(service), "since": since or "", "until": until or "", "text": grep}
+    about = [*(services or ()), *words(service)]
+    only = {"kind": words(kind), "service": about, "since": since or "", "until": until or "", "text": grep}
     last = tail if tail is not None else MOST if since else LAST
     found = _events(context, follow, last, only)
     if follow:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import datetime
+from functools import partial
 from typing import Annotated, Any
 
 from rorg.cli.context import Context
 from rorg.cli.options import GROUPS, KINDS, SERVICES, Argument, Option, Output, RobotManifests
-from rorg.cli.output import end_with_reader, missing, print_rows
+from rorg.cli.output import end_with_reader, missing, note, print_rows
 from rorg.cli.selection import select
 from rorg.cli.watch import Watch
 from rorg.errors import Invalid
@@ -39,13 +40,19 @@ def command(
     ] = "name",
     output: Output = "table",
     watch: Annotated[bool, Option("Keep showing changes.", names=("-w", "--watch"))] = False,
+    no_headers: Annotated[bool, Option("Print the table without its first line.")] = False,
+    all_namespaces: Annotated[
+        bool, Option("For habits of kubectl: rorg has no namespaces.", names=("-A", "--all-namespaces"))
+    ] = False,
 ) -> None:
     """List services with their state, or groups, images, networks, volumes, profiles, policies, requests. RESTARTS
     counts unexpected exits. AGE is the time since the last start.
 
     Example: rorg get --group driving --sort-by restarts
     """
-    show: Callable[..., None] = print_rows
+    show: Callable[..., None] = partial(print_rows, headers=not no_headers)
+    if all_namespaces:
+        note("-A changes nothing: rorg has no namespaces")
     if watch:
         end_with_reader()
         show = Watch().show

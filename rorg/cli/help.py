@@ -58,6 +58,9 @@ def _option(parameter: Parameter) -> str:
     option = parameter.declared
     assert isinstance(option, Option)
     value = option.metavar or VALUES.get(option.parser) or VALUES.get(parameter.type, "TEXT")
+    if option.bare:
+        value = "|".join(option.choices)
+        return f"{', '.join(option.names)}[={value}]"
     return ", ".join(option.names) + ("" if parameter.flag else f" {value}")
 
 

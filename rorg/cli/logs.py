@@ -12,9 +12,10 @@ from rorg_client import Client, Error, Unreachable, calls
 from rorg_client.errors import unreachable
 
 from rorg.cli.context import Context
-from rorg.cli.options import Option, RobotEngine, ServiceNames
+from rorg.cli.options import SERVICES, Argument, Option, RobotEngine
 from rorg.cli.output import as_json, echo, missing, note
 from rorg.cli.terminal import LogText
+from rorg.errors import Invalid
 
 AGAIN = 0.3
 """Seconds until the next attempt, when following and rorg does not answer."""
@@ -22,20 +23,28 @@ AGAIN = 0.3
 
 def command(
     context: RobotEngine,
-    services: ServiceNames,
+    services: Annotated[
+        list[str] | None, Argument("Services or groups. Default: everything that runs.", completes=SERVICES)
+    ] = None,
     follow: Annotated[bool, Option("Follow new lines.", names=("-f", "--follow"))] = False,
     tail: Annotated[int | None, Option("Only the last lines of each: 100.", names=("-n", "--tail"), least=0)] = None,
     since: Annotated[str, Option("Only lines since 10m (ago), or 2026-01-31T12:00:00Z.")] = "",
+    until: Annotated[str, Option("Only lines before this time, in the form of --since.")] = "",
+    previous: Annotated[
+        bool, Option("Only lines from before the current run, such as those of a crash.", names=("-p", "--previous"))
+    ] = False,
     timestamps: Annotated[bool, Option("Show when each line was printed.", names=("-t", "--timestamps"))] = False,
     output: Annotated[str, Option("table or json.", names=("-o", "--output"), choices=("table", "json"))] = "table",
 ) -> None:
     """Print the logs of services, merged by time. The process engine keeps no times: there, earlier lines come one
-    service after the other, `--since` is refused, and `-t` shows when rorg saw a followed line.
+    service after the other, `--since`, `--until` and `--previous` are refused, and `-t` shows when rorg saw a followed
+    line.
 
     Example: rorg logs navigation localization -f --since 10m
     """
-    names, asked = list(dict.fromkeys(services)), {"follow": follow, "tail": tail, "since": since or None}
+    asked = {"follow": follow, "tail": tail, "since": since or None, "until": until or None, "previous": previous}
     client = context.client()
+    names = list(dict.fromkeys(services or _running(context, client)))
     if client:
         members = {m for name in names for m in _members(client, name)}
         found = _served(client, names, asked)
@@ -48,6 +57,17 @@ def command(
     finally:
         if shown:
             shown.end()
+
+
+def _running(context: Context, client: Client | None) -> list[str]:
+    """Everything that runs. Raises Invalid if nothing does."""
+    if client:
+        names = [s["service"] for s in client.services() if s["state"] in ("running", "paused")]
+    else:
+        names = sorted({c.service for c in context.engine().list() if c.alive})
+    if not names:
+        raise Invalid("read logs", "nothing runs", "`rorg logs SERVICE` for one that ran")
+    return names
 
 
 def _show(entry: dict[str, Any], shown: Lines | None) -> None:
@@ -95,7 +115,7 @@ def _served(client: Client, names: Sequence[str], asked: dict[str, Any]) -> Iter
 
 def _here(context: Context, names: Sequence[str], asked: dict[str, Any]) -> tuple[set[str], Iterator[dict[str, Any]]]:
     """(services, lines) read by this process, if no rorg runs."""
-    from rorg.api.logs import asked_for, has_log
+    from rorg.api.logs import Selection, asked_for, has_log
     from rorg.core.observed import Container, Observed
 
     catalog, engine = context.catalog(), context.engine()
@@ -107,7 +127,7 @@ def _here(context: Context, names: Sequence[str], asked: dict[str, Any]) -> tupl
     def find(service: str) -> Container | None:
         return next(iter(Observed(tuple(engine.list())).by_service().get(service, [])), None)
 
-    wanted = asked_for(services, **asked)
+    wanted = asked_for(services, Selection(**asked))
     has_log(names, wanted, find)
     return set(services), _read(engine, find, wanted)
 

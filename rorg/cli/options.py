@@ -64,6 +64,8 @@ class Option(NamedTuple):
     completes: str | tuple[str, ...] = ()
     choices: tuple[str, ...] = ()
     """As of an argument, for the value."""
+    bare: str = ""
+    """The value of the name alone; then another one needs a `=`, as in `--wait=proven`."""
 
     def read(self, text: str) -> Any:
         """The value of a text, by the parser. Raises ValueError."""

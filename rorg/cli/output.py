@@ -181,6 +181,8 @@ def print_rows(
     full: Any = None,
     below: Sequence[str] = (),
     text: str | None = None,
+    *,
+    headers: bool = True,
 ) -> None:
     """Prints rows in any form. `full`: what YAML and JSON show instead of the rows; `text`: what people read instead of
     the table, such as the result of an action; `below`: columns that a narrow terminal shows in lines of their own. The
@@ -195,9 +197,11 @@ def print_rows(
         if text:
             echo(text)
     elif sys.stdout.isatty():
-        write(screen_table(rows, shown, below))
-    else:
-        echo(table(rows, shown))
+        found = screen_table(rows, shown, below)
+        write(found if headers else found.partition("\n")[2])
+    elif headers or rows:
+        found = table(rows, shown)
+        echo(found if headers else found.partition("\n")[2])
 
 
 def columns_of(form: str, columns: Sequence[str], wide: Sequence[str]) -> list[str]:

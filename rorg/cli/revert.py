@@ -12,7 +12,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from rorg.cli.apply import bring_about, taken
+from rorg.cli.apply import READY, bring_about, taken
 from rorg.cli.context import Context
 from rorg.cli.differences import Differences, differences
 from rorg.cli.output import note
@@ -230,7 +230,8 @@ def go_back(
     found = differences(context)
     # What is withheld but was not shown stays.
     withheld = [n for n in found.withheld if n in shown.withheld]
-    bring_about(context, owner, found._replace(withheld=withheld), *waiting)
+    wait, timeout = waiting
+    bring_about(context, owner, found._replace(withheld=withheld), READY if wait else "", timeout)
     return bool(made)
 
 

@@ -35,6 +35,11 @@ class Parameter(NamedTuple):
         """Whether it is an option without a value."""
         return self.type is bool
 
+    @property
+    def takes_next(self) -> bool:
+        """Whether the next word is its value, if it has none after a `=`."""
+        return not self.flag and not (isinstance(self.declared, Option) and self.declared.bare)
+
 
 def parameters(command: Callable[..., Any]) -> tuple[Parameter, ...]:
     """What a command line may give a command: the parameters of its function in order, then those of its context."""

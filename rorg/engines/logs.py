@@ -6,14 +6,16 @@ from __future__ import annotations
 import heapq
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import takewhile
 from typing import NamedTuple
 
 from rorg.core.observed import Container
 from rorg.engines.log_lines import LogLine, Reading
 from rorg.engines.protocol import Engine
 from rorg.errors import EngineError, Invalid, RorgError, Unreachable
+from rorg.model.units import stamp
 
 HELD = 1000
 """Lines that are kept for a slow reader; then the threads that read the logs wait."""
@@ -34,6 +36,10 @@ class Asked:
     """Of each service; None for all."""
     since: float | None = None
     """Seconds since the epoch."""
+    until: float | None = None
+    """Seconds since the epoch: only earlier lines."""
+    previous: bool = False
+    """Only lines from before the current, or last, run of each service."""
     after: Mapping[str, str] = field(default_factory=dict)
     """Service -> the cursor of the last line that the caller has: only later ones are read."""
 
@@ -89,7 +95,8 @@ class Entries:
 
 def check(engine: Engine, asked: Asked) -> None:
     """Raises Invalid if this engine cannot answer the question."""
-    if asked.since is not None and not engine.capabilities.log_times:
+    timed = asked.since is not None or asked.until is not None or asked.previous
+    if timed and not engine.capabilities.log_times:
         raise Invalid(
             "show lines by their time", f"the {engine.name} engine keeps no times of lines", "-n 100 for the last ones"
         )
@@ -134,12 +141,21 @@ def _past(engine: Engine, find: Find, asked: Asked) -> Iterator[Entry]:
 def _of_one(engine: Engine, name: str, container: Container | None, asked: Asked) -> Iterator[Entry]:
     if container is None:
         return
+    ends = [stamp(asked.until)] if asked.until is not None else []
+    end = min([*ends, container.started_at] if asked.previous else ends, default="")
+    tail = None if end else asked.tail
     try:
-        for line in engine.log_lines(container.id, asked.tail, asked.since, asked.follow):
-            yield _entry(name, container, line)
+        lines = engine.log_lines(container.id, tail, asked.since, asked.follow)
+        yield from (_entry(name, container, line) for line in (_before(end, asked.tail, lines) if end else lines))
     except EngineError as error:
         if error.kind != "gone":
             raise
+
+
+def _before(end: str, tail: int | None, lines: Iterable[LogLine]) -> Iterable[LogLine]:
+    """The last lines before a time (RFC 3339 in UTC), or all of them."""
+    found = takewhile(lambda line: line.time < end.removesuffix("Z"), lines)
+    return found if tail is None else deque(found, maxlen=tail)
 
 
 def _entry(service: str, container: Container, line: LogLine) -> Entry:

@@ -261,12 +261,10 @@ def description(name: str) -> Call[list[dict[str, Any]]]:
     return Call("GET", f"/v1/services/{_of(name)}/description")
 
 
-def logs(
-    name: str, also: Sequence[str], follow: bool, tail: int | None, since: str | None, after: Sequence[str]
-) -> str:
-    """The path of the logs."""
+def logs(name: str, also: Sequence[str], after: Sequence[str], **lines: bool | int | str | None) -> str:
+    """The path of the logs. `lines`: follow, tail, since, until, previous."""
     more = [("also", other) for other in also] + [("after", cursor) for cursor in after]
-    path = _query(f"/v1/services/{_of(name)}/logs", follow=follow, tail=tail, since=since)
+    path = _query(f"/v1/services/{_of(name)}/logs", **lines)
     return f"{path}&{urlencode(more)}" if more else path
 
 
