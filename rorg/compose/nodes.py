@@ -202,5 +202,5 @@ def read_nodes(text: str, file: str) -> tuple[list[Node], list[Diagnostic]]:
         check_size(text, MOST_VALUES)
         documents = [reader.read(node) for node in yaml.compose_all(text, Loader=_Loader) if node is not None]
     except UNREADABLE as error:
-        return [], [not_yaml(error, file)]
+        return [], [not_yaml(error, file, text)]
     return documents, reader.diagnostics

@@ -228,26 +228,3 @@ class ContainerOptions(Strict):
         "/root/navigation",
         unset="the image's; on the process engine, the manifest's directory",
     )
-
-
-ELSEWHERE = {
-    "image": "spec.image",
-    "command": "spec.command",
-    "build": "a manifest of kind Image",
-    "depends_on": "spec.needs",
-    "deploy": "spec.resources, and cpus and mem_limit here",
-    "profiles": "spec.profile",
-    "scale": "one Service for each copy",
-    "secrets": "volumes",
-    "configs": "spec.mounts",
-    "extends": "spec.profile",
-    "auto_remove": "idle: {action: remove}; rorg removes containers itself",
-    "links_external": "network_mode: host",
-    "external_links": "network_mode: host",
-    "pull_policy": "`rorg build`, which pulls what is missing",
-    "credential_spec": "nothing: it is for Windows",
-    "mounts": "spec.mounts, or volumes here",
-    "nano_cpus": "cpus",
-    "memory": "mem_limit",
-}
-"""Where to find options that users of Compose or of the engine's API may look for in this section."""

@@ -7,12 +7,13 @@ import contextlib
 import os
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from rorg.manifest.files import read_text
+from rorg.manifest.hints import KINDS
 from rorg.manifest.model_errors import validated
 from rorg.manifest.models import ENVELOPES, FOLDERS, SPECS, Manifest
 from rorg.manifest.overlay import FOLDER, Written, laid_over, unknown_robot
@@ -203,7 +204,8 @@ def _checked(document: Document, path: Path, root: Path, variables: Variables) -
         message = f"a {kind} does not describe a robot and cannot be part of its tree"
         yield Diagnostic(document.where(("kind",)), message, f"to move it out: {BESIDE[kind]}")
     elif isinstance(kind, str) and kind not in SPECS:
-        yield unknown(document.where(("kind",)), "kind", kind, SPECS)
+        found_kind = unknown(document.where(("kind",)), "kind", kind, SPECS)
+        yield replace(found_kind, remedy=KINDS[kind]) if kind in KINDS else found_kind
     if not isinstance(kind, str) or kind not in SPECS or "spec" not in document.value:
         return None
     spec, found = validated(SPECS[kind], document, document.value["spec"], ("spec",))

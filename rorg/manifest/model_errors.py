@@ -6,13 +6,13 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
-from rorg.manifest.container import ELSEWHERE, ContainerOptions
 from rorg.manifest.fields import model_of
-from rorg.manifest.models import API_VERSION, SPECS
+from rorg.manifest.hints import remedy_for
+from rorg.manifest.models import API_VERSION
 from rorg.manifest.option_forms import Strict
 from rorg.manifest.yaml_source import Document, as_scalar
 from rorg.manifest.yaml_source import Path as Loc
-from rorg.model.diagnostics import Diagnostic, Where, nearest
+from rorg.model.diagnostics import Diagnostic, Where
 
 
 def validated(model: type[Strict], document: Document, value: object, at: Loc) -> tuple[Any, list[Diagnostic]]:
@@ -31,6 +31,10 @@ def validated(model: type[Strict], document: Document, value: object, at: Loc) -
             # A union reports once per member; the first report is enough.
             found.setdefault((diagnostic.where, diagnostic.message if entry["type"] == "missing" else ""), diagnostic)
         return None, list(found.values())
+
+
+BOOLEANS = {"yes": "true", "on": "true", "y": "true", "no": "false", "off": "false", "n": "false"}
+"""Booleans of YAML 1.1, which are texts in YAML 1.2."""
 
 
 def _converted(value: object, document: Document, error: ValidationError, at: Loc) -> object:
@@ -63,12 +67,16 @@ def _explain(model: type[Strict], document: Document, entry: Any, at: Loc) -> Di
     if loc == ("apiVersion",):
         return Diagnostic(where, f"apiVersion must be {API_VERSION}", f"'{API_VERSION}'")
     text = entry["msg"].removeprefix("Value error, ")
+    remedy = ""
+    if entry["type"] == "bool_type" and str(entry["input"]).lower() in BOOLEANS:
+        remedy = BOOLEANS[str(entry["input"]).lower()]
+        text = f"'{entry['input']}' is a text, not true or false"
     if entry["type"] == "string_pattern_mismatch" and document.values.get(loc):
         text = f"{entry['input']!r} is not allowed here; it must match {entry['ctx']['pattern']}"
     if entry["type"] == "model_type" or entry["type"] == "dict_type":
         text = "must be a mapping"
     name = ".".join(str(part) for part in loc if document.values.get(loc[: loc.index(part) + 1])) or "manifest"
-    return Diagnostic(where, f"{name}: {text[0].lower() + text[1:]}")
+    return Diagnostic(where, f"{name}: {text[0].lower() + text[1:]}", remedy)
 
 
 def _place(document: Document, loc: Loc) -> Loc:
@@ -85,21 +93,11 @@ def _unknown_key(model: type[Strict], document: Document, loc: Loc, at: Loc) -> 
     written = document.value.get("kind")
     kind = written if isinstance(written, str) else ""
     parent = _model_at(model, loc[len(at) : -1])
-    remedy = nearest(key, [f.alias or n for n, f in parent.model_fields.items()] if parent else [])
-    if parent is ContainerOptions and key in ELSEWHERE:
-        remedy = ELSEWHERE[key]
-    elif not parent or remedy.startswith("one of") or not remedy:
-        remedy = _other_level(kind, key) or remedy
-    return Diagnostic(where, f"unknown key '{key}'", remedy)
-
-
-def _other_level(kind: str, key: str) -> str:
-    """The path of a valid key that is at the wrong depth."""
-    if kind == "Service" and key in ContainerOptions.model_fields:
-        return f"spec.container.{key}"
-    if kind in SPECS and key in SPECS[kind].model_fields:
-        return f"spec.{key}"
-    return ELSEWHERE.get(key, "")
+    path = tuple(str(part) for part in loc[:-1])
+    present: Any = document.value
+    for part in loc[:-1]:
+        present = present[part]
+    return Diagnostic(where, f"unknown key '{key}'", remedy_for(kind, path, key, parent, present))
 
 
 def _model_at(model: type[BaseModel], path: Loc) -> type[BaseModel] | None:

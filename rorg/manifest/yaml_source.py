@@ -185,12 +185,19 @@ UNREADABLE = (yaml.YAMLError, RecursionError, UnicodeError)
 """What PyYAML raises for a bad text."""
 
 
-def not_yaml(error: Exception, file: str) -> Diagnostic:
+_TAB = re.compile(r"[ -]*\t")
+
+
+def not_yaml(error: Exception, file: str, text: str = "") -> Diagnostic:
     """Says why a text is not valid YAML."""
     if not isinstance(error, yaml.MarkedYAMLError):
         return Diagnostic(Where(file), f"not valid YAML: {error}")
     mark = error.problem_mark or error.context_mark
     where = Where(file, mark.line + 1, mark.column + 1) if mark else Where(file)
+    line = next(iter(text.split("\n")[mark.line : mark.line + 1]), "") if mark else ""
+    if tab := _TAB.match(line):
+        where = Where(file, where.line, tab.end())
+        return Diagnostic(where, "not valid YAML: this line is indented with a tab", "spaces")
     return Diagnostic(where, f"not valid YAML: {error.problem or error.context}")
 
 
@@ -231,7 +238,7 @@ def read_yaml(
         reader.document.value = reader.read(nodes[0])
         reader.document.allows = allows(text, file)
     except UNREADABLE as error:
-        return None, [not_yaml(error, file)]
+        return None, [not_yaml(error, file, text)]
     return reader.document, reader.diagnostics
 
 

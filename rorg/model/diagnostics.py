@@ -91,10 +91,10 @@ def close_to(name: str, known: Iterable[str], cutoff: float = 0.6) -> str:
     return next(iter(difflib.get_close_matches(name, sorted(known), n=1, cutoff=cutoff)), "")
 
 
-def nearest(name: str, known: Iterable[str]) -> str:
+def nearest(name: str, known: Iterable[str], cutoff: float = 0.6) -> str:
     """A remedy that names the closest known name, or a few known names if none is close."""
     names = sorted(known)
-    if close := close_to(name, names):
+    if close := close_to(name, names, cutoff):
         return f"'{close}'"
     return f"one of {', '.join(names)}" if names and len(names) <= 12 else ""
 
