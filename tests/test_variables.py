@@ -149,7 +149,7 @@ def test_a_mistake_says_which_variable_it_comes_from(tree):
     write_tree(tree, {"arm": {"needs": ["${NAME}"]}})
     (tree / "robot.env").write_text("NAME=lidar\n")
     assert said(tree)[0].endswith(
-        "needs unknown service 'lidar' (NAME is set at robot.env:1); try one of arm, developer"
+        "needs unknown service 'lidar' (NAME is set at robot.env:1); try one of developer"
     )
 
 

@@ -14,11 +14,13 @@ from typing import Any
 
 from rorg.manifest.files import read_text
 from rorg.manifest.hints import KINDS
-from rorg.manifest.model_errors import validated
+from rorg.manifest.model_errors import mended, validated
 from rorg.manifest.models import ENVELOPES, FOLDERS, SPECS, Manifest
+from rorg.manifest.option_forms import Strict
 from rorg.manifest.overlay import FOLDER, Written, laid_over, unknown_robot
 from rorg.manifest.variables import NONE, Variables, fill, noted, read_variables, variable_files
 from rorg.manifest.yaml_source import MAX_ITEMS, Document, read_yaml
+from rorg.manifest.yaml_source import Path as Loc
 from rorg.model.diagnostics import Diagnostic, Reading, Where, collected, nearest, unknown
 
 UNEXPECTED = "cannot be understood"
@@ -45,6 +47,8 @@ class Source:
     """The directory of the tree that it is in."""
     variables: Variables = field(default=NONE, compare=False)
     """The variables of the tree."""
+    partial: bool = False
+    """It has mistakes, and these are left out: what is missing in it may have been there."""
 
     def where(self, *path: str | int, key: bool = False) -> Where:
         return self.document.where(path, key)
@@ -118,7 +122,8 @@ def read_tree(
     """Reads all manifests below `root`, with a robot's overlay merged in.
 
     Returns them with the names of the broken ones, so that a typo in one manifest is not reported as an unknown service
-    elsewhere. `edits` maps paths to new content, or to None for deleted files. Raises OSError for an unreadable tree.
+    elsewhere. Of a broken one that is YAML, the correct part is among the manifests, marked as partial.
+    `edits` maps paths to new content, or to None for deleted files. Raises OSError for an unreadable tree.
     """
     edits = edits or {}
     paths = [path for path in dict.fromkeys([*manifest_files(root), *edits]) if edits.get(path, "") is not None]
@@ -140,7 +145,7 @@ def read_tree(
         if source:
             yield from _misplaced(source, (root, root / FOLDER / robot))
             sources.append(source)
-        else:
+        if source is None or source.partial:
             broken |= {written.path.stem, *re.findall(r"^ +name: *['\"]?([A-Za-z0-9_.-]+)", written.text, re.M)[:1]}
     return sources, broken
 
@@ -172,11 +177,12 @@ def read_source(
     text: str, path: Path, file: str, root: Path, variables: Variables = NONE
 ) -> tuple[Source | None, list[Diagnostic]]:
     """Reads one file's manifest; None with the reasons if it is invalid. `variables` are those of the tree."""
-    return check_source(Written(path, text, *read_yaml(text, file, items=MAX_ITEMS)), root, variables)
+    source, found = check_source(Written(path, text, *read_yaml(text, file, items=MAX_ITEMS)), root, variables)
+    return None if found else source, found
 
 
 def check_source(written: Written, root: Path, variables: Variables = NONE) -> tuple[Source | None, list[Diagnostic]]:
-    """Checks one document."""
+    """Checks one document; returns a partial source if only a part of it is valid."""
     if written.document is None:
         return None, list(written.found)
     document, unset = fill(written.document, variables)
@@ -184,7 +190,7 @@ def check_source(written: Written, root: Path, variables: Variables = NONE) -> t
     told = {d.where for d in before}  # report one mistake at one place
     source, more = collected(_checked(document, written.path, root, variables))
     found = [*before, *(d for d in more if d.where not in told)]
-    return None if found else source, noted(found, [document])
+    return replace(source, partial=True) if found and source else source, noted(found, [document])
 
 
 BESIDE = {"Trace": "`rorg simulate FILE` reads it", "Workload": "`rorg simulate TRACE --workload FILE` reads it"}
@@ -198,19 +204,27 @@ def _checked(document: Document, path: Path, root: Path, variables: Variables) -
         return None
     kind = document.value.get("kind")
     form = ENVELOPES.get(kind, Manifest) if isinstance(kind, str) else Manifest
-    envelope, found = validated(form, document, document.value, ())
-    yield from found
+    envelope = yield from _valid(form, document, document.value, ())
     if isinstance(kind, str) and kind in BESIDE:
         message = f"a {kind} does not describe a robot and cannot be part of its tree"
         yield Diagnostic(document.where(("kind",)), message, f"to move it out: {BESIDE[kind]}")
     elif isinstance(kind, str) and kind not in SPECS:
-        found_kind = unknown(document.where(("kind",)), "kind", kind, SPECS)
-        yield replace(found_kind, remedy=KINDS[kind]) if kind in KINDS else found_kind
+        found = unknown(document.where(("kind",)), "kind", kind, SPECS)
+        yield replace(found, remedy=KINDS[kind]) if kind in KINDS else found
     if not isinstance(kind, str) or kind not in SPECS or "spec" not in document.value:
         return None
-    spec, found = validated(SPECS[kind], document, document.value["spec"], ("spec",))
-    yield from found
+    spec = yield from _valid(SPECS[kind], document, document.value["spec"], ("spec",))
     if envelope is None or spec is None:
         return None
     meta = envelope.metadata
     return Source(document, kind, meta.name, meta.description or "", dict(meta.labels), spec, path, root, variables)
+
+
+def _valid(model: type[Strict], document: Document, value: object, at: Loc) -> Reading[Any]:
+    """Validates a value, without its mistakes if it has some; None if too little is left."""
+    read, found = validated(model, document, value, at)
+    if found:
+        read, more = mended(model, document, value, at, found)
+        found += more
+    yield from found
+    return read

@@ -168,7 +168,7 @@ _WORDS = {plain(word): remedy for word, remedy in WORDS.items()}
 _HERE = {name: {plain(word): remedy for word, remedy in words.items()} for name, words in HERE.items()}
 
 
-CLOSE = 0.7
+CLOSE = 0.66
 """Least similarity of a misspelt key, from 0 to 1."""
 
 

@@ -89,7 +89,7 @@ def check_shared_memory(services: Mapping[str, Service], sources: Mapping[str, S
     for name, source in sources.items():
         for other, options in services[name].joins.items():
             mode = str((services[other].spec or {}).get("ipc") or "")
-            if "ipc" in options and mode in NOT_SHARED:
+            if "ipc" in options and mode in NOT_SHARED and other in sources:
                 said = f"ipc: {mode}" if mode else "no ipc"
                 message = f"ipc: '{other}' declares {said}, so its shared memory is its own"
                 yield Diagnostic(place_of(source, "ipc"), message, f"ipc: shareable in {other}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -33,9 +33,9 @@ from rorg.manifest.secrets import secrets_of, unread_secrets
 from rorg.manifest.used_objects import check_default, joined, misspelt, objects_of
 from rorg.manifest.validation.run import validate
 from rorg.manifest.variables import noted
-from rorg.model.catalog import DEVELOPER, Catalog, Service
+from rorg.model.catalog import DEVELOPER, Catalog, Group, Request, Service
 from rorg.model.diagnostics import Diagnostic, Reading, Where, collected, few_suggestions
-from rorg.model.image_names import stems
+from rorg.model.image_names import stem, stems
 from rorg.model.policy import Policy
 from rorg.model.units import counted
 
@@ -96,16 +96,21 @@ def _load(
     by_kind, more = collected(_by_kind(sources))
     diagnostics += [*more, *check_spelling(sources)]
     found(inputs(root, by_kind))
-    catalog, more = collected(_catalog(by_kind, broken, engine))
-    if not any(d.severity == "error" for d in more):
-        more += check_conflicts(catalog, by_kind.get("Service", {}))
-    catalog, of_images = collected(_with_images(catalog, by_kind, engine))
-    diagnostics = noted([*diagnostics, *more, *of_images], [source.document for source in sources])
+    (whole, doubtful), more = collected(_catalog(by_kind, broken, engine))
+    by_kind = {kind: {n: s for n, s in found.items() if not s.partial} for kind, found in by_kind.items()}
+    kept = by_kind.get("Service", {})
+    catalog = replace(whole, services={n: s for n, s in whole.services.items() if n in kept or n == DEVELOPER})
+    more += check_conflicts(catalog, kept, sure=not broken or bool(by_kind.get("Policy")))
+    catalog, of_images = collected(_with_images(catalog, by_kind, doubtful, engine))
+    told = {d.where for d in diagnostics}  # what was wrong by itself is reported once
+    more = [d for d in (*more, *of_images) if d.where not in told]
+    diagnostics = noted([*diagnostics, *more], [source.document for source in sources])
     refused = any(d.severity == "error" for d in diagnostics)
     # Of a refused tree only errors count: services that could not be read may be the ones that others need.
     diagnostics += [d for d in validate(catalog, by_kind) if d.severity == "error" or not refused]
     if any(d.severity == "error" for d in diagnostics):
-        unread = unread_secrets(root, edits or {}, broken)
+        partly = {f"{n}?": s for n, s in whole.services.items() if n not in catalog.services}
+        unread = {**partly, **unread_secrets(root, edits or {}, broken)}
         return Loaded(None, _told(diagnostics), replace(catalog, services={**unread, **catalog.services}))
     diagnostics += _misnamed(sources)
     catalog = replace(catalog, fingerprint=fingerprint(catalog))
@@ -198,36 +203,57 @@ def _by_kind(sources: Iterable[Source]) -> Reading[dict[str, dict[str, Source]]]
     return found
 
 
-def _catalog(by_kind: Mapping[str, dict[str, Source]], broken: set[str], engine: str) -> Reading[Catalog]:
+def _catalog(
+    by_kind: Mapping[str, dict[str, Source]], broken: set[str], engine: str
+) -> Reading[tuple[Catalog, set[str]]]:
+    """Everything that could be read, and the names of services that may lack options because a profile or an Image of
+    theirs has mistakes."""
     profiles, sources = {**built_in_profiles(), **by_kind.get("Profile", {})}, by_kind.get("Service", {})
-    merged = yield from merge_profiles(profiles)
+    merged = yield from merge_profiles(profiles, broken)
     policy: Any = next((s.spec for s in by_kind.get("Policy", {}).values()), None)
     services: dict[str, Service] = {DEVELOPER: Service(DEVELOPER, meta=True, description="a person")}
+    doubtful = set()
     for name, source in sources.items():
-        yield from unknown_profiles(source, {*profiles, *broken})
-        services[name] = yield from _rendered(source, merged.of(source.spec.profile or ()), policy, engine)
-    groups = yield from expand_groups(by_kind.get("Group", {}), services, broken)
-    known = {*services, *groups, *broken}
-    for name, source in sources.items():
-        service = yield from join(source, services[name], services, groups, known)
-        services[name] = yield from resolve(source, service, groups, known)
-    yield from (told_of_processes if of_this_machine(engine) else check_shared_memory)(services, sources)
-    yield from check_container_names(services, sources)
-    yield from check_cycles(services, sources)
-    yield from unknown_permitted(sources, known)
-    requests = yield from requests_of(by_kind.get("Request", {}), known, {*services, *broken})
+        yield from unknown_profiles(source, profiles, broken)
+        profile = merged.of(source.spec.profile or ())
+        if profile.partial or stem(source.spec.image or "") in broken:
+            doubtful.add(name)
+        services[name] = yield from _rendered(source, profile, policy, engine)
+    groups, requests = yield from _references(by_kind, services, broken)
+    kept = {name: source for name, source in sources.items() if not source.partial}
+    yield from (told_of_processes if of_this_machine(engine) else check_shared_memory)(services, kept)
+    yield from check_container_names(services, kept)
     networks = yield from objects_of("network", by_kind.get("Network", {}), engine)
     volumes = yield from objects_of("volume", by_kind.get("Volume", {}), engine)
-    yield from check_default(services, sources, networks)
+    yield from check_default(services, kept, {*networks, *broken})
     services = {n: joined(s, networks, volumes) for n, s in services.items()}
-    yield from misspelt(services, sources, networks, volumes)
-    return Catalog(services, groups, {}, networks, volumes, requests, policy_of(policy) if policy else Policy())
+    yield from misspelt(services, kept, networks, volumes)
+    policies = policy_of(policy) if policy else Policy()
+    return Catalog(services, groups, {}, networks, volumes, requests, policies), doubtful
 
 
-def _with_images(catalog: Catalog, by_kind: Mapping[str, dict[str, Source]], engine: str) -> Reading[Catalog]:
+def _references(
+    by_kind: Mapping[str, dict[str, Source]], services: dict[str, Service], broken: set[str]
+) -> Reading[tuple[dict[str, Group], tuple[Request, ...]]]:
+    """Replaces the names in `services`; returns groups and standing requests. Reports unknown names and cycles."""
+    sources = by_kind.get("Service", {})
+    groups = yield from expand_groups(by_kind.get("Group", {}), services, broken)
+    known = {*services, *groups}
+    for name, source in sources.items():
+        service = yield from join(source, services[name], services, groups, known | broken)
+        services[name] = yield from resolve(source, service, services, groups, broken)
+    yield from check_cycles(services, sources)
+    yield from unknown_permitted(sources, known, broken)
+    requests = yield from requests_of(by_kind.get("Request", {}), known, services, broken)
+    return groups, requests
+
+
+def _with_images(
+    catalog: Catalog, by_kind: Mapping[str, dict[str, Source]], doubtful: Collection[str], engine: str
+) -> Reading[Catalog]:
     sources = by_kind.get("Service", {})
     images = yield from images_of(by_kind.get("Image", {}), catalog.services)
-    images = yield from secrets_of(catalog.services, images, sources)
+    images = yield from secrets_of(catalog.services, images, sources, doubtful)
     yield from check_programs(catalog.services, sources, images, engine)
     return replace(catalog, images=images)
 

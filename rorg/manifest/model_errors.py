@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
@@ -9,6 +10,7 @@ from pydantic import BaseModel, ValidationError
 from rorg.manifest.fields import model_of
 from rorg.manifest.hints import remedy_for
 from rorg.manifest.models import API_VERSION
+from rorg.manifest.option_checks import PARTIAL
 from rorg.manifest.option_forms import Strict
 from rorg.manifest.yaml_source import Document, as_scalar
 from rorg.manifest.yaml_source import Path as Loc
@@ -35,6 +37,63 @@ def validated(model: type[Strict], document: Document, value: object, at: Loc) -
 
 BOOLEANS = {"yes": "true", "on": "true", "y": "true", "no": "false", "off": "false", "n": "false"}
 """Booleans of YAML 1.1, which are texts in YAML 1.2."""
+
+
+TRIES = 5
+"""Rounds of dropping mistakes; a validator of a mapping runs only after those of its values."""
+
+
+def mended(
+    model: type[Strict], document: Document, value: object, at: Loc, wrong: Iterable[Diagnostic]
+) -> tuple[Any, list[Diagnostic]]:
+    """Validates an invalid value again without its mistakes, so that what is left can be checked too; returns None if
+    too little is left. Also returns the mistakes that only show then. `wrong` are the mistakes that are known."""
+    dropped, doubtful = set[Loc](), set[Loc]()
+    known, more, context = {d.where for d in wrong}, list[Diagnostic](), None
+    for _ in range(TRIES):
+        try:
+            return model.model_validate(value, context=context), more
+        except ValidationError as error:
+            again = _converted(value, document, error, at)
+            entries = error.errors(include_url=False)
+        if again is not value:
+            value = again
+            continue
+        explained = {_droppable(document, at, entry): _explain(model, document, entry, at) for entry in entries}
+        new = [d for place, d in explained.items() if d.where not in known and place not in doubtful]
+        known.update(d.where for d in new)
+        more += new
+        if explained.keys() <= dropped | {at}:
+            if context:
+                break
+            context = PARTIAL
+        for place in sorted(explained.keys() - dropped - {at}, key=len, reverse=True):
+            value = _dropped(value, place[len(at) :])
+            dropped.add(place)
+            found = explained[place]
+            elsewhere = found.remedy.startswith(("spec.", "metadata.")) or (not found.remedy and place[:-1] == at)
+            if not (elsewhere and found.message.startswith("unknown key")):
+                doubtful.add(place[:-1])  # the mapping may lack what this was meant to be
+    return None, more
+
+
+def _droppable(document: Document, at: Loc, entry: Any) -> Loc:
+    """The key to drop: the mistaken one, or the one above a missing key or an item of a list, because dropping an item
+    would move the others."""
+    place = _place(document, at + tuple(entry["loc"]))
+    place = place[:-1] if entry["type"] == "missing" else place
+    index = next((i for i, part in enumerate(place) if isinstance(part, int)), len(place))
+    while index > len(at) and place[:index] not in document.values:
+        index -= 1
+    return place[:index]
+
+
+def _dropped(value: Any, path: Loc) -> Any:
+    """A copy without the key at a path."""
+    if not isinstance(value, dict) or path[0] not in value:
+        return value
+    below = {path[0]: _dropped(value[path[0]], path[1:])} if path[1:] else {}
+    return {key: below.get(key, item) for key, item in value.items() if key != path[0] or below}
 
 
 def _converted(value: object, document: Document, error: ValidationError, at: Loc) -> object:

@@ -19,6 +19,8 @@ from rorg.model.ports import check_published, check_target, parse_expose, parse_
 from rorg.model.volumes import parse_device, parse_tmpfs, parse_volume
 
 FINAL = {"final": True}
+PARTIAL = {"partial": True}
+"""Context of a value whose mistakes are left out: keys may be missing."""
 """Validation context once every `${...}` is filled in."""
 
 

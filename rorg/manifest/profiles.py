@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, reduce
 from graphlib import TopologicalSorter
 from itertools import pairwise
@@ -69,6 +69,8 @@ class Merged:
     container: Mapping[str, Any] = field(default_factory=dict)
     layers: tuple[Layer, ...] = ()
     """The options of each profile in it, the lowest first."""
+    partial: bool = False
+    """A profile in it is unknown or has mistakes, so options may be missing."""
 
 
 def merge_options(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
@@ -157,6 +159,8 @@ class Profiles:
         """The profiles that a service names, merged as one profile that extends them in this order; without any,
         `common`. Unknown names are ignored."""
         named = tuple(name for name in names if name in self.said) or (COMMON,)
+        if not all(name in self.said for name in names):
+            return replace(self.of(named), partial=True)
         if named not in self._found:
             found = reduce(_over, (self.said[name] for name in named))
             whole = found.alone or all(name in self.below for name in named)
@@ -164,13 +168,13 @@ class Profiles:
         return self._found[named]
 
 
-def merge_profiles(sources: Mapping[str, Source]) -> Reading[Profiles]:
+def merge_profiles(sources: Mapping[str, Source], broken: Collection[str] = ()) -> Reading[Profiles]:
     """Merges every profile with everything that it extends; unknown names and cycles in `extends` are errors.
 
     `common` is below all profiles, except those that say `common: false` or extend one that does. The profiles that
     `common` itself extends have nothing below them.
     """
-    parents = yield from _parents(sources)
+    parents = yield from _parents(sources, broken)
     below = {COMMON}
     pending = [COMMON]
     while pending:
@@ -179,16 +183,16 @@ def merge_profiles(sources: Mapping[str, Source]) -> Reading[Profiles]:
         pending += more
     said: dict[str, Merged] = {}
     for name in TopologicalSorter(parents).static_order():
-        said[name] = reduce(_over, [*(said[parent] for parent in parents[name]), _own(name, sources[name])])
+        said[name] = reduce(_over, [*(said[parent] for parent in parents[name]), _own(name, sources[name], sources)])
     return Profiles(said, below)
 
 
-def _parents(sources: Mapping[str, Source]) -> Reading[dict[str, list[str]]]:
+def _parents(sources: Mapping[str, Source], broken: Collection[str]) -> Reading[dict[str, list[str]]]:
     """The parents of each profile, in order. Unknown names and cycles are left out and reported."""
     graph: dict[str, list[str]] = {}
     for name, source in sources.items():
         for index, parent in enumerate(source.spec.extends):
-            if parent not in sources:
+            if parent not in sources and parent not in broken:
                 yield unknown(source.where("spec", "extends", index), "profile", parent, sources)
         graph[name] = [parent for parent in source.spec.extends if parent in sources]
     rings = cycles(graph)
@@ -200,7 +204,7 @@ def _parents(sources: Mapping[str, Source]) -> Reading[dict[str, list[str]]]:
     return {n: [p for p in found if (n, p) not in closing] for n, found in graph.items()}
 
 
-def _own(name: str, source: Source) -> Merged:
+def _own(name: str, source: Source, known: Collection[str]) -> Merged:
     spec: Any = source.spec
     container = declared(spec.container)
     origin = Origin(name, built_in_profiles().get(name) is source)
@@ -214,6 +218,7 @@ def _own(name: str, source: Source) -> Merged:
         alone=not spec.common,
         container=container,
         layers=((origin, container),),
+        partial=source.partial or any(parent not in known for parent in spec.extends),
     )
 
 
@@ -228,4 +233,5 @@ def _over(base: Merged, top: Merged) -> Merged:
         alone=base.alone or top.alone,
         container=merge_options(base.container, top.container),
         layers=base.layers + top.layers,
+        partial=base.partial or top.partial,
     )

@@ -5,7 +5,7 @@ Names are checked once all manifests are read, because any file may name any oth
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import replace
 from graphlib import TopologicalSorter
 from typing import Any
@@ -21,8 +21,11 @@ Sources = Mapping[str, Source]
 """Manifests of one kind by name."""
 
 
-def resolve(source: Source, service: Service, groups: Mapping[str, Group], known: set[str]) -> Reading[Service]:
+def resolve(
+    source: Source, service: Service, services: Mapping[str, Service], groups: Mapping[str, Group], broken: set[str]
+) -> Reading[Service]:
     """The service with groups in `needs` and `conflicts` replaced by their members; unknown names are errors."""
+    known = {*services, *groups}
     resolved: dict[str, tuple[str, ...]] = {}
     for field in ("needs", "conflicts"):
         names: list[str] = []
@@ -33,9 +36,9 @@ def resolve(source: Source, service: Service, groups: Mapping[str, Group], known
             if field == "conflicts" and (name == service.name or name in service.needs):
                 what = "itself" if name == service.name else f"'{name}', which it needs"
                 yield Diagnostic(where, f"'{service.name}' conflicts with {what}", "to drop one of them")
-            elif name not in known:
+            elif name not in known and name not in broken:
                 by = "" if own else f" (by profile '{', '.join(source.spec.profile or [COMMON])}')"
-                yield Diagnostic(where, f"{field} unknown service '{name}'{by}", nearest(name, known))
+                yield Diagnostic(where, f"{field} unknown service '{name}'{by}", nearest(name, known - {service.name}))
             names += [m for m in groups[name].services if m != service.name] if name in groups else [name]
         resolved[field] = tuple(dict.fromkeys(names))
     follows = {m for n in service.restarts_with for m in (groups[n].services if n in groups else [n])} - {service.name}
@@ -43,33 +46,35 @@ def resolve(source: Source, service: Service, groups: Mapping[str, Group], known
     return replace(service, needs=needs, conflicts=conflicts, restarts_with=tuple(sorted(follows)))
 
 
-def unknown_profiles(source: Source, known: set[str]) -> Iterator[Diagnostic]:
+def unknown_profiles(source: Source, known: Collection[str], broken: set[str]) -> Iterator[Diagnostic]:
     """Profiles that a Service names and that do not exist."""
     for index, name in enumerate(source.spec.profile or ()):
-        if name not in known:
+        if name not in known and name not in broken:
             at = ("spec", "profile", index)
             where = source.where(*at) if at in source.document.values else source.where("spec", "profile")
             yield unknown(where, "profile", name, known)
 
 
-def unknown_permitted(sources: Sources, known: set[str]) -> Iterator[Diagnostic]:
+def unknown_permitted(sources: Sources, known: set[str], broken: set[str]) -> Iterator[Diagnostic]:
     """Names that do not exist, in the fields that give a service permissions."""
     for source in sources.values():
         for field in ("may_request", "may_restart", "may_act_for"):
             for index, other in enumerate(getattr(source.spec, field)):
-                if other not in known and (field, other) != ("may_act_for", EVERY):
+                if other not in known | broken and (field, other) != ("may_act_for", EVERY):
                     yield unknown(source.where("spec", field, index), "service", other, known)
 
 
-def requests_of(sources: Sources, known: set[str], requesters: set[str]) -> Reading[tuple[Request, ...]]:
+def requests_of(
+    sources: Sources, known: set[str], requesters: Collection[str], broken: set[str]
+) -> Reading[tuple[Request, ...]]:
     """Standing requests, and the names in them that do not exist."""
     found = []
     for name, source in sources.items():
         spec: Any = source.spec
-        if spec.requester not in requesters:
+        if spec.requester not in requesters and spec.requester not in broken:
             yield unknown(source.where("spec", "requester"), "requester", spec.requester, requesters)
         for index, service in enumerate(spec.services):
-            if service not in known:
+            if service not in known and service not in broken:
                 yield unknown(source.where("spec", "services", index), "service", service, known)
         where, services = source.where("metadata", "name"), tuple(spec.services)
         request = Request(name, spec.requester, services, spec.reason or "", standing=True, priority=spec.priority)
@@ -117,9 +122,10 @@ def check_cycles(services: Mapping[str, Service], sources: Sources) -> Iterator[
         yield Diagnostic(where, f"services need each other: {' -> '.join(cycle)}", "to drop one of these needs")
 
 
-def check_conflicts(catalog: Catalog, sources: Sources) -> Iterator[Diagnostic]:
-    """Services that conflict although one service needs both, both are always on, or standing requests name both."""
-    yield from _conflicting_needs(catalog, sources)
+def check_conflicts(catalog: Catalog, sources: Sources, sure: bool) -> Iterator[Diagnostic]:
+    """Services that conflict although one service needs both, both are always on, or standing requests name both.
+    `sure`: the Policy is valid, so its resources are known."""
+    yield from _conflicting_needs(catalog, sources, sure)
     roots = [s.name for s in catalog.services.values() if s.always_on]
     for a, b in conflicting(catalog.services, closure(catalog.services, roots)):
         where = _key(sources[a if catalog.services[a].always_on else b], "always_on")
@@ -127,11 +133,15 @@ def check_conflicts(catalog: Catalog, sources: Sources) -> Iterator[Diagnostic]:
     yield from _conflicting_requests(catalog, roots)
 
 
-def _conflicting_needs(catalog: Catalog, sources: Sources) -> Iterator[Diagnostic]:
+def _conflicting_needs(catalog: Catalog, sources: Sources, sure: bool) -> Iterator[Diagnostic]:
+    pairs = {name: conflicting(catalog.services, closure(catalog.services, [name])) for name in catalog.services}
     for name in sorted(catalog.services):
-        for a, b in conflicting(catalog.services, closure(catalog.services, [name])):
+        below = {pair for need in catalog.services[name].needs for pair in pairs.get(need, ())}
+        for a, b in (pair for pair in pairs[name] if pair not in below and name not in pair):
             message = f"'{name}' needs both '{a}' and '{b}', which conflict"
             yield Diagnostic(_key(sources[name], "needs"), message, "to drop one")
+        if not sure:
+            continue
         needs = catalog.services[name].needs
         if any(overbooked(catalog, closure(catalog.services, [n])) for n in needs):
             continue  # reported for that service
@@ -147,7 +157,8 @@ def _conflicting_requests(catalog: Catalog, always_on: Iterable[str]) -> Iterato
     for request in catalog.requests:
         before = closure(catalog.services, roots)
         named = [m for s in request.services for m in catalog.members(s)]
-        if catalog.services[request.requester].meta:
+        requester = catalog.services.get(request.requester)
+        if requester and requester.meta:
             roots += named
         names = before | closure(catalog.services, named)
         for a, b in sorted(set(conflicting(catalog.services, names)) - set(conflicting(catalog.services, before))):

@@ -71,7 +71,8 @@ def render(source: Source, profile: Merged, policy: Any, engine: str = "") -> Re
         labels=source.labels,
         where=source.where("metadata", "name"),
     )
-    yield from _endless(source, service)
+    if not source.partial:
+        yield from _endless(source, service)
     return service
 
 

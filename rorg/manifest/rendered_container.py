@@ -36,7 +36,8 @@ def container_of(
     options = reduce(merge_options, (over for over, _ in added), options)
     own = [(Origin(part, profile=False), over) for over, part in added]
     origins = origins_of(options, [*profile.layers, *own])
-    options = yield from _without(source, options)
+    doubtful = source.partial or profile.partial
+    options = yield from _without(source, options, doubtful)
     written = dict(options)
 
     def placed(found: Clash | Diagnostic) -> Diagnostic:
@@ -44,7 +45,7 @@ def container_of(
 
     of_files, wrong = collected(_with_files(source, options))
     yield from map(placed, wrong)
-    yield from _check(source, options, origins)
+    yield from _check(source, options, origins, doubtful)
     options = for_engine(source, options, engine)
     options["image"] = spec.image
     if spec.command is not None:
@@ -68,7 +69,7 @@ def _with_files(source: Source, options: dict[str, Any]) -> Generator[Clash | Di
     return of_files.keys() - said.keys()
 
 
-def _without(source: Source, options: dict[str, Any]) -> Reading[dict[str, Any]]:
+def _without(source: Source, options: dict[str, Any], doubtful: bool) -> Reading[dict[str, Any]]:
     """The options without the variables of the profile that the manifest unsets."""
     spec, known = cast(Any, source.spec), options.get("environment", {})
     own = declared(spec.container).get("environment", {})
@@ -76,7 +77,7 @@ def _without(source: Source, options: dict[str, Any]) -> Reading[dict[str, Any]]
         where = source.where("spec", "unset_environment", index)
         if name in own:
             yield Diagnostic(where, f"'{name}' is both set and unset", "one of them")
-        elif name not in known:
+        elif name not in known and not doubtful:
             yield Diagnostic(where, f"no profile of it gives '{name}'", nearest(name, known) or "to leave it out")
     kept = {k: v for k, v in known.items() if k not in spec.unset_environment}
     return {**options, "environment": kept} if spec.unset_environment else options
@@ -148,14 +149,14 @@ def absolute(volume: Any, directory: Path) -> Any:
     return head + colon + tail
 
 
-def _check(source: Source, options: dict[str, Any], origins: Origins) -> list[Diagnostic]:
-    """Checks that need profile and manifest together."""
+def _check(source: Source, options: dict[str, Any], origins: Origins, doubtful: bool) -> list[Diagnostic]:
+    """Checks that need profile and manifest together. `doubtful`: options may be missing because of mistakes."""
     late = {k: v for k, v in options.items() if k != "healthcheck" and "${" in json.dumps(v).replace(RUN, "/run/rorg")}
     if "volumes" in late:
         late["volumes"] = [v for v in late["volumes"] if not str(v).startswith(RUN)]
     try:
         ContainerOptions.model_validate(late, context=FINAL)
-        found = clashes(options)
+        found = [clash for clash in clashes(options) if not (doubtful and clash.lacks)]
     except ValidationError as error:
         found = [Clash(entry["loc"], entry["msg"].removeprefix("Value error, ")) for entry in error.errors()]
     return [_as_diagnostic(source, options, origins, clash) for clash in found]

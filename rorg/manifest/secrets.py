@@ -17,11 +17,14 @@ from rorg.model.image_names import declared
 
 
 def secrets_of(
-    services: Mapping[str, Service], images: Mapping[str, Image], sources: Mapping[str, Source]
+    services: Mapping[str, Service],
+    images: Mapping[str, Image],
+    sources: Mapping[str, Source],
+    doubtful: Collection[str] = (),
 ) -> Reading[dict[str, Image]]:
     """Marks build arguments as secret if a service that uses the Image declares them secret. A name that does not exist
-    is an error: it is probably misspelt and hides nothing. A value that is too short to be found in other text is a
-    warning."""
+    is an error: it is probably misspelt and hides nothing. A `doubtful` service may lack variables because of a mistake
+    elsewhere. A value that is too short to be found in other text is a warning."""
     found = dict(images)
     for name, source in sources.items():
         service = services[name]
@@ -33,6 +36,8 @@ def secrets_of(
             for image in taken:
                 found[image] = replace(found[image], secrets=tuple(sorted({*found[image].secrets, secret})))
             values = [*([variables[secret]] if secret in variables else []), *(images[i].args[secret] for i in taken)]
+            if not values and name in doubtful:
+                continue
             if not values:
                 known = {*variables, *(a for i in under for a in images[i].args)}
                 remedy = nearest(secret, known) or "to name one that is in container.environment or an env_file"

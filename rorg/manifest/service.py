@@ -5,7 +5,7 @@ from __future__ import annotations
 from signal import Signals
 from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
+from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema, model_validator
 
 from rorg.manifest import option_checks as check
 from rorg.manifest.container import ContainerOptions
@@ -199,7 +199,9 @@ class ServiceSpec(Strict):
     )
 
     @model_validator(mode="after")
-    def _type(self) -> ServiceSpec:
+    def _type(self, info: ValidationInfo) -> ServiceSpec:
+        if info.context == check.PARTIAL:
+            return self
         if self.type == "meta":
             extra = [name for name in _OF_CONTAINERS if getattr(self, name) is not None]
             if extra:

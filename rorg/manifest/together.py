@@ -12,13 +12,14 @@ from rorg.model.volumes import mounted_at, parse_tmpfs, same_path
 
 class Clash(NamedTuple):
     """Two options that do not go together: the path of the wrong one, a message, a remedy, the option that it clashes
-    with (which may come from a profile), and the code of the finding if it has one."""
+    with (which may come from a profile), the code of the finding if it has one, and whether an option is missing."""
 
     path: tuple[str | int, ...]
     message: str
     remedy: str = ""
     other: str = ""
     code: str = ""
+    lacks: bool = False
 
 
 Options = Mapping[str, Any]
@@ -75,7 +76,7 @@ def _limits(options: Options) -> Iterator[Clash]:
         if options.get("cpus") and options.get(option, 0) > 0:
             yield Clash((option,), f"cpus and {option} exclude each other", "to drop one of them")
     if swap > 0 and not memory:
-        yield Clash(("memswap_limit",), "memswap_limit needs mem_limit", "to declare mem_limit too")
+        yield Clash(("memswap_limit",), "memswap_limit needs mem_limit", "to declare mem_limit too", lacks=True)
     elif 0 < swap < memory:
         yield Clash(("memswap_limit",), "memswap_limit, which is memory and swap together, is below mem_limit")
     if memory and options.get("mem_reservation", 0) > memory:
@@ -133,7 +134,7 @@ def _logging(options: Options) -> Iterator[Clash]:
         elif key in _LOG_VALUES and not re.fullmatch(_LOG_VALUES[key], value):
             yield Clash(("logging", "options", key), f"'{value}' is not a value of {key}")
     if values.get("max-buffer-size") and values.get("mode") != "non-blocking":
-        yield Clash(("logging", "options", "max-buffer-size"), "max-buffer-size needs mode: non-blocking")
+        yield Clash(("logging", "options", "max-buffer-size"), "max-buffer-size needs mode: non-blocking", lacks=True)
 
 
 def _security(options: Options) -> Iterator[Clash]:

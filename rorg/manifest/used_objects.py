@@ -3,7 +3,7 @@ names."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -85,7 +85,7 @@ def _mounted(volume: Any, volumes: Objects) -> Any:
 
 
 def check_default(
-    services: Mapping[str, Service], sources: Mapping[str, Source], networks: Objects
+    services: Mapping[str, Service], sources: Mapping[str, Source], networks: Collection[str]
 ) -> Iterator[Diagnostic]:
     """Refuses options for `default`, the engine's own network, unless a manifest declares a network of that name."""
     for name, source in sources.items():
