@@ -132,3 +132,14 @@ def test_what_somebody_else_has_changed_meanwhile_stays(robot):
 )
 def test_what_cannot_be_edited_is_told(robot, name, code, told, environment):
     assert told in edit(robot, name, code=code, **environment)
+
+
+def test_the_other_documents_of_a_file_stay(robot):
+    path, second = manifest(robot, "arm"), manifest(robot, "base")
+    text = f"{path.read_text()}---\n# the second\n{second.read_text()}"
+    path.write_text(text)
+    second.unlink()
+    assert edit(robot, "base", "text += '  priority: 7\\n'") == "service base edited\n"
+    assert path.read_text() == f"{text}  priority: 7\n"
+    assert edit(robot, "arm", "text += '  priority: 8\\n'") == "service arm edited\n"
+    assert path.read_text() == f"{text}  priority: 7\n".replace("---", "  priority: 8\n---", 1)

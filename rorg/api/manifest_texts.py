@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from rorg.api.manifest_change import digest
 from rorg.core.masking import MASK, Masker
@@ -11,37 +12,60 @@ from rorg.errors import Invalid
 from rorg.manifest.documents import manifest_files
 from rorg.manifest.files import read_bytes
 from rorg.manifest.load import Loaded, load
+from rorg.manifest.yaml_documents import document_texts, read_documents, with_document
 from rorg.manifest.yaml_source import read_yaml
 
 MOST = 5
 """Mistakes that one error names."""
 
 
-def manifests_of(root: Path) -> dict[tuple[str, str], tuple[Path, bytes]]:
-    """(kind, name) -> file and content, of every manifest that can be read at all."""
-    found = {}
+class Kept(NamedTuple):
+    """A manifest of a tree: its file, its text, and the content of the file, which may have other documents."""
+
+    path: Path
+    text: bytes
+    content: bytes
+
+
+def manifests_of(root: Path) -> dict[tuple[str, str], Kept]:
+    """(kind, name) -> every manifest that can be read at all."""
+    found: dict[tuple[str, str], Kept] = {}
     for path in manifest_files(root):
-        try:
-            content = read_bytes(path, root)
-        except OSError:  # loading the manifests reports it; or the file has just gone
-            continue
-        document, _ = read_yaml(content.decode("utf-8", errors="replace"), str(path))
+        with contextlib.suppress(OSError):  # loading the manifests reports it; or the file has just gone
+            found |= manifests_in(path, read_bytes(path, root))
+    return found
+
+
+def manifests_in(path: Path, content: bytes) -> dict[tuple[str, str], Kept]:
+    """(kind, name) -> every manifest of a file."""
+    found, documents = {}, read_documents(content.decode("utf-8", errors="replace"), str(path))
+    for text, document, _ in documents:
         value = document.value if document else None
         if isinstance(value, dict) and isinstance(value.get("metadata"), dict):
-            found[str(value.get("kind")), str(value["metadata"].get("name"))] = path, content
+            alone = content if len(documents) == 1 else text.encode()
+            found[str(value.get("kind")), str(value["metadata"].get("name"))] = Kept(path, alone, content)
     return found
+
+
+def file_with(kept: Kept, kind: str, name: str, text: str | None) -> str | None:
+    """The text of the whole file after a text replaces one manifest (None: deletes it); None if nothing is left."""
+    if kept.text == kept.content:
+        return text
+    return with_document(kept.content.decode("utf-8", errors="replace"), (kind, name), text)
 
 
 def listed(root: Path) -> list[dict[str, Any]]:
     """All manifests of a tree, as ManifestView."""
     return [
-        {"kind": kind, "name": name, "file": str(path.relative_to(root)), "digest": digest(content)}
-        for (kind, name), (path, content) in sorted(manifests_of(root).items())
+        {"kind": kind, "name": name, "file": str(kept.path.relative_to(root)), "digest": digest(kept.text)}
+        for (kind, name), kept in sorted(manifests_of(root).items())
     ]
 
 
 def check_name(kind: str, name: str, text: str) -> None:
     """Raises Invalid for a text that declares something else. A text that cannot be read is an error of the tree."""
+    if (count := len(document_texts(text))) > 1:
+        raise Invalid(f"change the {kind} '{name}'", f"the text has {count} documents", "to send one at a time")
     document, _ = read_yaml(text, name)
     value: Any = document.value if document else None
     metadata = value.get("metadata") if isinstance(value, dict) else None

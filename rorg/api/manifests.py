@@ -17,7 +17,16 @@ from rorg.api.changes import confirm
 from rorg.api.generations import GENERATION, reached
 from rorg.api.inputs import PutManifest
 from rorg.api.manifest_change import ManifestChange, digest, recover
-from rorg.api.manifest_texts import check_name, check_tree, listed, manifests_of, restored
+from rorg.api.manifest_texts import (
+    Kept,
+    check_name,
+    check_tree,
+    file_with,
+    listed,
+    manifests_in,
+    manifests_of,
+    restored,
+)
 from rorg.api.models import ManifestView
 from rorg.api.operations import Operations
 from rorg.api.permissions import Caller, allow_manage, manages
@@ -55,8 +64,8 @@ class Manifests:
         """The file in which a change is noted while it is carried out."""
         return self.operations.state.manifest_change
 
-    def one(self, kind: str, name: str) -> tuple[Path, bytes]:
-        """File and content of a manifest. Raises Missing."""
+    def one(self, kind: str, name: str) -> Kept:
+        """A manifest. Raises Missing."""
         found = manifests_of(self.root).get((kind, name))
         if found is None:
             raise Missing(f"find the {kind} '{name}'", f"no such {kind}", "GET /v1/manifests for all")
@@ -79,11 +88,15 @@ class Manifests:
         self.allow(caller, kind, name)
         self._own(f"change the {kind} '{name}'")
         with self._lock:
-            path, content = manifests_of(self.root).get((kind, name), (None, None))
-            self._same(content, body.base, f"change the {kind} '{name}'")
-            before = (content or b"").decode("utf-8", errors="replace")
+            kept = manifests_of(self.root).get((kind, name))
+            self._same(kept and kept.text, body.base, f"change the {kind} '{name}'")
+            before = (kept.text if kept else b"").decode("utf-8", errors="replace")
             text = restored(before, body.text, self.masker(caller, name), f"change the {kind} '{name}'")
-            if path is None:
+            check_name(kind, name, text)
+            whole: str | None = text
+            if kept:
+                path, whole = kept.path, file_with(kept, kind, name, text)
+            else:
                 path = self.root / next(f for f, k in FOLDERS.items() if k == kind) / f"{image_names.stem(name)}.yaml"
                 if path.is_symlink() or path.exists():
                     raise Refused(
@@ -91,19 +104,21 @@ class Manifests:
                         f"{path.relative_to(self.root)} declares something else",
                         "to rename that file after what it declares",
                     )
-            check_name(kind, name, text)
-            self._check(caller, kind, name, path, before, text)
+            self._check(caller, kind, name, path, before, text, whole)
             message = body.message or f"{kind} {name}: changed through the API"
-            return path, digest(text.encode()), self._change(caller, path, content, text, message)
+            generation = self._change(caller, path, kept and kept.content, whole, message)
+            return path, digest(manifests_in(path, (whole or "").encode())[kind, name].text), generation
 
-    def _check(self, caller: Caller, kind: str, name: str, path: Path, before: str, text: str) -> None:
+    def _check(
+        self, caller: Caller, kind: str, name: str, path: Path, before: str, text: str, whole: str | None
+    ) -> None:
         """Raises Forbidden if a service may not write this text, before reading any file that it names; and Invalid if
-        the tree has mistakes with it."""
+        the tree has mistakes with the file as a `whole`."""
         catalog, root, robot, service = self.operations.catalog, self.root, self.tree.robot, caller.kind == "service"
         if service:
             vet(caller, name, path, text, before, catalog, root, robot)
         old, new = check_tree(
-            root, path, text, self.tree.engine, f"change the {kind} '{name}'", robot, stranger=service
+            root, path, whole, self.tree.engine, f"change the {kind} '{name}'", robot, stranger=service
         )
         if service:
             vet_rendered(caller, name, path, old, new, catalog, root, robot)
@@ -112,12 +127,13 @@ class Manifests:
         self.allow(caller, kind, name)
         self._own(f"delete the {kind} '{name}'")
         with self._lock:
-            path, content = self.one(kind, name)
-            self._same(content, base, f"delete the {kind} '{name}'")
+            kept = self.one(kind, name)
+            self._same(kept.text, base, f"delete the {kind} '{name}'")
             what, service = f"delete the {kind} '{name}'", caller.kind == "service"
-            check_tree(self.root, path, None, self.tree.engine, what, self.tree.robot, stranger=service)
+            whole = file_with(kept, kind, name, None)
+            check_tree(self.root, kept.path, whole, self.tree.engine, what, self.tree.robot, stranger=service)
             message = message or f"{kind} {name}: deleted through the API"
-            return self._change(caller, path, content, None, message)
+            return self._change(caller, kept.path, kept.content, whole, message)
 
     def _own(self, what: str) -> None:
         """Raises Refused if the files are a copy of a repository: the next commit would overwrite the change."""
@@ -233,7 +249,7 @@ def _add_reading(app: FastAPI, manifests: Manifests, allowed: list[Any]) -> None
     def get_one(kind: Kind, name: ManifestName, caller: Who) -> Response:
         """The text of a manifest. Its digest is the ETag."""
         manifests.allow(caller, kind, name)
-        _, content = manifests.one(kind, name)
+        content = manifests.one(kind, name).text
         text = manifests.masker(caller, name).text(content.decode("utf-8", errors="surrogateescape"))
         shown = text.encode("utf-8", errors="surrogateescape")
         return Response(shown, media_type="application/yaml", headers={"ETag": f'"{digest(content)}"'})

@@ -160,25 +160,27 @@ class Alone:
         return [n for k, n in self.all if k == kind]
 
     def text(self, kind: str, name: str) -> str:
-        return self.all[kind, name][1].decode("utf-8", errors="replace")
+        return self.all[kind, name].text.decode("utf-8", errors="replace")
 
     def write(self, kind: str, name: str, text: str) -> None:
         from rorg.api.manifest_change import ManifestChange, digest
-        from rorg.api.manifest_texts import check_name, check_tree
+        from rorg.api.manifest_texts import check_name, check_tree, file_with
         from rorg.api.permissions import Caller
 
-        path, before = self.all[kind, name]
+        kept = self.all[kind, name]
+        path, before = kept.path, kept.content
         what = f"change the {kind} '{name}'"
         check_name(kind, name, text)
-        check_tree(self.root, path, text, "", what)
+        whole = file_with(kept, kind, name, text) or ""
+        check_tree(self.root, path, whole, "", what)
         person = Caller("developer", uid=os.getuid()).author
         change = ManifestChange(
-            str(path.relative_to(self.root)), digest(before), digest(text.encode()), _message(kind, name), person, True
+            str(path.relative_to(self.root)), digest(before), digest(whole.encode()), _message(kind, name), person, True
         )
         try:
             if path.read_bytes() != before:
                 raise Refused(what, "it was changed meanwhile", "`rorg edit` again")
-            change.carry_out(self.root, self.state.prepare().manifest_change, text)
+            change.carry_out(self.root, self.state.prepare().manifest_change, whole)
         except OSError as error:
             raise Refused(what, f"{error.filename}: {error.strerror}", "to check that file") from error
 

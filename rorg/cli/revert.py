@@ -173,8 +173,14 @@ def _manifest(root: Path, past: Catalog, service: str, goal: Goal) -> list[Path]
     if service not in past.services or not past.services[service].where.file:
         why = f"it was not declared in {goal.title}"
         raise Refused(f"roll {service} back", why, "`rorg rollback REV` for all services")
-    now = manifests_of(root).get(("Service", service))
-    return [root / past.services[service].where.file, *([now[0]] if now else [])]
+    manifests = manifests_of(root)
+    now, file = manifests.get(("Service", service)), past.services[service].where.file
+    others = [s.where.file for s in past.services.values() if s.name != service]
+    others += [group.where.file for group in past.groups.values()]
+    if file in others or (now and now.text != now.content):
+        why = "its file declares other manifests too, which would go back with it"
+        raise Refused(f"roll {service} back", why, "`rorg rollback REV` for all services")
+    return [root / file, *([now.path] if now else [])]
 
 
 def _contexts(catalog: Catalog) -> list[Path]:

@@ -19,6 +19,7 @@ from rorg.manifest.models import ENVELOPES, FOLDERS, SPECS, Manifest
 from rorg.manifest.option_forms import Strict
 from rorg.manifest.overlay import FOLDER, Written, laid_over, unknown_robot
 from rorg.manifest.variables import NONE, Variables, fill, noted, read_variables, variable_files
+from rorg.manifest.yaml_documents import read_documents
 from rorg.manifest.yaml_source import MAX_ITEMS, Document, read_yaml
 from rorg.manifest.yaml_source import Path as Loc
 from rorg.model.diagnostics import Diagnostic, Reading, Where, collected, nearest, unknown
@@ -49,6 +50,8 @@ class Source:
     """The variables of the tree."""
     partial: bool = False
     """It has mistakes, and these are left out: what is missing in it may have been there."""
+    several: bool = False
+    """Its file has several documents."""
 
     def where(self, *path: str | int, key: bool = False) -> Where:
         return self.document.where(path, key)
@@ -143,10 +146,11 @@ def read_tree(
             source, found = None, [unexpected(Where(str(written.path)), bug)]
         yield from found
         if source:
-            yield from _misplaced(source, (root, root / FOLDER / robot))
+            yield from () if written.several else _misplaced(source, (root, root / FOLDER / robot))
             sources.append(source)
         if source is None or source.partial:
-            broken |= {written.path.stem, *re.findall(r"^ +name: *['\"]?([A-Za-z0-9_.-]+)", written.text, re.M)[:1]}
+            broken |= set() if written.several else {written.path.stem}
+            broken |= {*re.findall(r"^ +name: *['\"]?([A-Za-z0-9_.-]+)", written.text, re.M)[:1]}
     return sources, broken
 
 
@@ -157,7 +161,8 @@ def _written(paths: Iterable[Path], root: Path, edits: Mapping[Path, str | None]
         try:
             text = edits.get(path)
             text = read_text(path, root) if text is None else text
-            found.append(Written(path, text, *read_yaml(text, str(path), items=MAX_ITEMS)))
+            documents = read_documents(text, str(path), items=MAX_ITEMS)
+            found += [Written(path, *document, several=len(documents) > 1) for document in documents]
         except OSError as error:
             yield Diagnostic(Where(str(path)), f"cannot be read: {error.strerror}", "to fix or delete it")
         except Exception as bug:
@@ -166,7 +171,7 @@ def _written(paths: Iterable[Path], root: Path, edits: Mapping[Path, str | None]
 
 
 def _misplaced(source: Source, tops: Collection[Path]) -> Iterator[Diagnostic]:
-    """Reports a manifest in the folder of another kind."""
+    """Reports a file in the folder of another kind. One with several documents may hold any kinds."""
     folder = source.path.parent
     if folder not in tops and FOLDERS.get(folder.name, source.kind) != source.kind:
         right = next(f for f, kind in FOLDERS.items() if kind == source.kind)
@@ -190,7 +195,8 @@ def check_source(written: Written, root: Path, variables: Variables = NONE) -> t
     told = {d.where for d in before}  # report one mistake at one place
     source, more = collected(_checked(document, written.path, root, variables))
     found = [*before, *(d for d in more if d.where not in told)]
-    return replace(source, partial=True) if found and source else source, noted(found, [document])
+    source = replace(source, partial=bool(found), several=written.several) if source else None
+    return source, noted(found, [document])
 
 
 BESIDE = {"Trace": "`rorg simulate FILE` reads it", "Workload": "`rorg simulate TRACE --workload FILE` reads it"}

@@ -130,7 +130,7 @@ def _told(diagnostics: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
 
 def _misnamed(sources: Iterable[Source]) -> Iterator[Diagnostic]:
     """Warns about files whose name differs from the name that they declare: either may be a typo."""
-    for source in (s for s in sources if s.path.stem not in stems(s.name)):
+    for source in (s for s in sources if not s.several and s.path.stem not in stems(s.name)):
         message = f"the {source.kind} '{source.name}' is in a file called '{source.path.name}'"
         remedy = f"'{source.path.stem}', or rename the file"
         yield Diagnostic(source.where("metadata", "name"), message, remedy, "warning")

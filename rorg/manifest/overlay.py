@@ -7,11 +7,12 @@ document of the base. Relative paths start from the manifest of the base, like C
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from rorg.manifest.yaml_documents import key_of
 from rorg.manifest.yaml_source import Document
 from rorg.manifest.yaml_source import Path as Loc
 from rorg.model.diagnostics import Diagnostic, Reading, Where, nearest
@@ -22,7 +23,7 @@ REMOVED = "removed"
 
 @dataclass
 class Written:
-    """A file of the tree as it is written, before its kind is known."""
+    """A document of the tree as it is written, before its kind is known."""
 
     path: Path
     text: str
@@ -30,15 +31,13 @@ class Written:
     """None if it is not YAML."""
     found: list[Diagnostic] = field(default_factory=list)
     """Mistakes in its YAML."""
+    several: bool = False
+    """Its file has several documents."""
 
     @property
     def key(self) -> tuple[str, str]:
         """(kind, name); empty if it has none."""
-        value: Any = self.document.value if self.document else None
-        metadata = value.get("metadata") if isinstance(value, dict) else None
-        name = metadata.get("name") if isinstance(metadata, dict) else None
-        kind = value.get("kind") if isinstance(value, dict) else None
-        return (kind, name) if isinstance(kind, str) and isinstance(name, str) else ("", "")
+        return key_of(self.document)
 
 
 def robots_of(root: Path) -> list[str]:
@@ -69,28 +68,29 @@ def unknown_robot(root: Path, robot: str) -> Diagnostic | None:
 
 def laid_over(base: Iterable[Written], over: Iterable[Written]) -> Reading[list[Written]]:
     """Merges an overlay into the base; returns the documents of the robot."""
-    found = {written.path: written for written in base}
+    found = dict(enumerate(base))
     for upper in over:
-        lower = next((w for w in found.values() if w.key == upper.key != ("", "")), None)
+        place = next((n for n, w in found.items() if w.key == upper.key != ("", "")), None)
         value = upper.document.value if upper.document else None
+        lower = found[place] if place is not None else None
         if isinstance(value, dict) and value.get(REMOVED) is True:
-            if lower is not None:
-                del found[lower.path]
+            if place is not None:
+                del found[place]
             else:
-                yield _nothing_to_remove(upper, found)
+                yield _nothing_to_remove(upper, found.values())
             yield from upper.found
-        elif upper.document is None or lower is None or lower.document is None:
-            found[upper.path] = upper
+        elif place is None or lower is None or upper.document is None or lower.document is None:
+            found[max(found, default=0) + 1] = upper
         else:
             merged = merge(lower.document, upper.document)
-            found[lower.path] = Written(lower.path, lower.text, merged, [*lower.found, *upper.found])
+            found[place] = replace(lower, document=merged, found=[*lower.found, *upper.found])
     return list(found.values())
 
 
-def _nothing_to_remove(upper: Written, found: Mapping[Path, Written]) -> Diagnostic:
+def _nothing_to_remove(upper: Written, found: Iterable[Written]) -> Diagnostic:
     kind, name = upper.key
     assert upper.document is not None
-    known = [w.key[1] for w in found.values() if w.key[0] == kind and kind]
+    known = [w.key[1] for w in found if w.key[0] == kind and kind]
     where = upper.document.where(("metadata", "name"))
     return Diagnostic(where, f"there is no {kind or 'document'} '{name}' to be removed", nearest(name, known))
 

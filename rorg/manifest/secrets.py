@@ -10,7 +10,8 @@ from typing import Any
 
 from rorg.manifest.documents import Source, manifest_files
 from rorg.manifest.files import read_text
-from rorg.manifest.yaml_source import read_yaml
+from rorg.manifest.yaml_documents import read_documents
+from rorg.manifest.yaml_source import Document
 from rorg.model.catalog import SHORTEST_SECRET, Image, Service
 from rorg.model.diagnostics import Diagnostic, Reading, nearest
 from rorg.model.image_names import declared
@@ -64,17 +65,22 @@ def _under(image: str, images: Mapping[str, Image]) -> list[str]:
 
 def unread_secrets(root: Path, overlay: Mapping[Path, str | None], broken: Collection[str]) -> dict[str, Service]:
     """Secrets of manifests that are invalid on their own, as services that have nothing else."""
-    found = {}
+    found: dict[str, Service] = {}
     for path in manifest_files(root):
-        if path.stem not in broken:
-            continue
-        with contextlib.suppress(OSError, TypeError, AttributeError, LookupError, ValueError):
+        with contextlib.suppress(OSError):
             text = overlay.get(path) or read_text(path, root)
-            document, _ = read_yaml(text, str(path))
-            spec: Any = document.value["spec"] if document else {}
-            said = spec["container"]["environment"]
-            pairs = said.items() if isinstance(said, dict) else (entry.split("=", 1) for entry in said)
-            environment = {str(name): str(value) for name, value in pairs}
-            secrets = tuple(name for name in environment if name in spec["secrets"])
-            found[f"{path.stem}?"] = Service(path.stem, spec={"environment": environment}, secrets=secrets)
+            documents = read_documents(text, str(path)) if path.stem in broken or "\n---" in text else []
+            for number, (_, document, _) in enumerate(documents):
+                found |= _unread(f"{path.stem}?{number or ''}", path.stem, document)
     return found
+
+
+def _unread(key: str, name: str, document: Document | None) -> dict[str, Service]:
+    with contextlib.suppress(TypeError, AttributeError, LookupError, ValueError):
+        spec: Any = document.value["spec"] if document else {}
+        said = spec["container"]["environment"]
+        pairs = said.items() if isinstance(said, dict) else (entry.split("=", 1) for entry in said)
+        environment = {str(name): str(value) for name, value in pairs}
+        secrets = tuple(name for name in environment if name in spec["secrets"])
+        return {key: Service(name, spec={"environment": environment}, secrets=secrets)}
+    return {}

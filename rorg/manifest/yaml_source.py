@@ -21,7 +21,7 @@ MAX_DEPTH = 50
 MAX_NODES = 100_000
 """No robot's manifest has this many nodes; an alias bomb quickly does."""
 MAX_ITEMS = 1000
-"""Items of one list, or keys of one mapping, in a manifest."""
+"""Items of one list, keys of one mapping, or documents of one file, in a manifest."""
 MOST_NUMBER = (1 << 63) - 1
 """The largest number that engines and kernels can store."""
 
@@ -78,6 +78,8 @@ class Document:
     """Comments that allow warnings."""
     filled: dict[Path, tuple[Use, ...]] = field(default_factory=dict)
     """Path -> variables that were filled into the text there."""
+    start: int = 0
+    """Lines of the file before this document."""
 
     def where(self, path: Path, key: bool = False) -> Where:
         """The place of a value (or of its key); of its nearest existing ancestor if the path does not exist."""
@@ -89,23 +91,23 @@ class Document:
         return Where(self.file, *self.values.get((), (1, 1)))
 
 
-class _Reader:
+class Reader:
     """Converts nodes to plain values, with positions; reports duplicate keys and unsupported tags."""
 
-    def __init__(self, file: str, nul: bool, most: int, items: int) -> None:
-        self.document, self.nul, self.most, self.items = Document(file), nul, most, items
+    def __init__(self, file: str, nul: bool, most: int, items: int, line: int = 0, count: int = 0) -> None:
+        self.document, self.nul, self.most, self.items = Document(file, start=line), nul, most, items
         self.diagnostics: list[Diagnostic] = []
-        self.count = 0
+        self.line, self.count = line + 1, count
 
     def error(self, node: yaml.Node, message: str, remedy: str = "", code: str = "") -> None:
-        where = Where(self.document.file, node.start_mark.line + 1, node.start_mark.column + 1)
+        where = Where(self.document.file, node.start_mark.line + self.line, node.start_mark.column + 1)
         self.diagnostics.append(Diagnostic(where, message, remedy, code=code))
 
     def read(self, node: yaml.Node, path: Path = ()) -> Any:
         self.count += 1
         if self.count > self.most:
             raise yaml.YAMLError(f"more than {self.most} values")
-        self.document.values[path] = (node.start_mark.line + 1, node.start_mark.column + 1)
+        self.document.values[path] = (node.start_mark.line + self.line, node.start_mark.column + 1)
         if isinstance(node, yaml.CollectionNode) and len(node.value) > self.items:
             self.error(node, f"{len(node.value)} items, which is more than {self.items}", "fewer")
             return None
@@ -131,7 +133,7 @@ class _Reader:
                 remedy = f"to drop it here or in line {line}"
                 self.error(key_node, f"key '{key}' appears twice in one mapping", remedy, "duplicate-key")
                 continue
-            self.document.keys[(*path, key)] = (key_node.start_mark.line + 1, key_node.start_mark.column + 1)
+            self.document.keys[(*path, key)] = (key_node.start_mark.line + self.line, key_node.start_mark.column + 1)
             result[key] = self.read(value_node, (*path, key))
         return result
 
@@ -188,12 +190,12 @@ UNREADABLE = (yaml.YAMLError, RecursionError, UnicodeError)
 _TAB = re.compile(r"[ -]*\t")
 
 
-def not_yaml(error: Exception, file: str, text: str = "") -> Diagnostic:
-    """Says why a text is not valid YAML."""
+def not_yaml(error: Exception, file: str, text: str = "", start: int = 0) -> Diagnostic:
+    """Says why a text is not valid YAML. `start`: lines of the file before it."""
     if not isinstance(error, yaml.MarkedYAMLError):
-        return Diagnostic(Where(file), f"not valid YAML: {error}")
+        return Diagnostic(Where(file, start + 1), f"not valid YAML: {error}")
     mark = error.problem_mark or error.context_mark
-    where = Where(file, mark.line + 1, mark.column + 1) if mark else Where(file)
+    where = Where(file, start + mark.line + 1, mark.column + 1) if mark else Where(file, start + 1)
     line = next(iter(text.split("\n")[mark.line : mark.line + 1]), "") if mark else ""
     if tab := _TAB.match(line):
         where = Where(file, where.line, tab.end())
@@ -204,13 +206,13 @@ def not_yaml(error: Exception, file: str, text: str = "") -> Diagnostic:
 _ALLOW = re.compile(r"(?:^|\s)(#+\s*rorg:\s*allow\b[ \t]*([^\s:]*)[ \t]*:?[ \t]*(.*))$")
 
 
-def allows(text: str, file: str) -> tuple[Allow, ...]:
+def allows(text: str, file: str, start: int = 0) -> tuple[Allow, ...]:
     """Finds the comments that allow warnings. One behind code covers its line; one on its own line covers the next line
-    that is not a comment."""
+    that is not a comment. `start`: lines of the file before the text."""
     if "rorg:" not in text:
         return ()
     found, following = list[Allow](), 0
-    for number, line in reversed([*enumerate(text.splitlines(), 1)]):
+    for number, line in reversed([*enumerate(text.split("\n"), start + 1)]):
         comment = line.lstrip().startswith("#")
         if match := _ALLOW.search(line):
             last = following or number if comment else number
@@ -226,20 +228,33 @@ def read_yaml(
     """Reads the single document of a file, and reports everything that is wrong with it as YAML. `file` is only shown,
     never opened. `nul` allows NUL characters, for texts that go to no engine and no program. `most` limits the number
     of values, `items` the length of one list or mapping."""
-    reader = _Reader(file, nul, most, items)
+    reader = Reader(file, nul, most, items)
+    return read_one(reader, text), reader.diagnostics
+
+
+def read_one(reader: Reader, text: str) -> Document | None:
+    """Reads the single document of a text; None if there is none, or if it is not YAML."""
+    document, start = reader.document, reader.document.start
     try:
         check_size(text)
-        nodes = list(yaml.compose_all(text, Loader=_Loader))
+        nodes = [node for node in yaml.compose_all(text, Loader=_Loader) if not _empty(node)]
         if len(nodes) > 1:
             reader.error(nodes[1], "a second document in one file", "one file for each document")
-        if not nodes or nodes[0] is None or (nodes[0].tag.endswith(":null") and not nodes[0].value):
+        if not nodes:
+            where = Where(document.file, start + 1)
             remedy = "to fill it, or delete the file"
-            return None, [Diagnostic(Where(file), "the document is empty", remedy, code="empty-document")]
-        reader.document.value = reader.read(nodes[0])
-        reader.document.allows = allows(text, file)
+            reader.diagnostics = [Diagnostic(where, "the document is empty", remedy, code="empty-document")]
+            return None
+        document.value = reader.read(nodes[0])
+        document.allows = allows(text, document.file, start)
     except UNREADABLE as error:
-        return None, [not_yaml(error, file, text)]
-    return reader.document, reader.diagnostics
+        reader.diagnostics = [not_yaml(error, document.file, text, start)]
+        return None
+    return document
+
+
+def _empty(node: Any) -> bool:
+    return node is None or (node.tag.endswith(":null") and not node.value)
 
 
 def as_scalar(text: str) -> str | int | float | bool:

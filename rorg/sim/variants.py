@@ -12,10 +12,12 @@ from statistics import fmean, median
 from typing import Any, NamedTuple
 
 from rorg.errors import Invalid
+from rorg.manifest.files import read_text
 from rorg.manifest.load import load, usable
 from rorg.manifest.model_errors import validated
 from rorg.manifest.policy import Idle
 from rorg.manifest.render import idle_of
+from rorg.manifest.yaml_documents import with_document
 from rorg.manifest.yaml_source import as_scalar, read_yaml
 from rorg.manifest.yaml_text import yaml_text
 from rorg.model.catalog import Catalog, Service
@@ -129,7 +131,9 @@ def _with_policy(file: Path, tree: Tree) -> Catalog:
     if document is not None and (not isinstance(document.value, dict) or document.value.get("kind") != "Policy"):
         raise Invalid(f"compare '{file}'", "it is not a Policy", "a directory of manifests, or the file of a Policy")
     sources = load(tree.root, engine=tree.engine, robot=tree.robot).sources or {}
-    edits: dict[Path, str | None] = {source.path: None for source in sources.get("Policy", {}).values()}
+    edits: dict[Path, str | None] = {}
+    for policy in sources.get("Policy", {}).values():
+        edits[policy.path] = with_document(read_text(policy.path, tree.root), ("Policy", policy.name), None)
     edits[tree.root / "policies" / f"{file.stem}.yaml"] = text
     return usable(file, load(tree.root, edits, engine=tree.engine, robot=tree.robot))
 
