@@ -174,6 +174,22 @@ def test_manifests_are_validated_written_and_committed(robot, client):
     wait_for(lambda: all(s["service"] != "radar" for s in client.services()))
 
 
+def test_one_document_of_a_file_is_changed_and_deleted_alone(robot, client):
+    path = robot.tree / "services/lidar.yaml"
+    first = path.read_text()
+    second = first.replace("name: lidar", "name: radar")
+    path.write_text(f"{first}---\n{second}")
+    found = {m["name"]: m for m in client.manifests() if m["file"] == "services/lidar.yaml"}
+    assert set(found) == {"lidar", "radar"}
+    with pytest.raises(Invalid, match="the text has 2 documents; send one at a time"):
+        client.put_manifest("Service", "radar", f"{first}---\n{second}", found["radar"]["digest"])
+    assert client.manifest("Service", "radar") == f"---\n{second}"
+    after = client.put_manifest("Service", "radar", f"{second}  priority: 70\n", found["radar"]["digest"])
+    assert path.read_text() == f"{first}---\n{second}  priority: 70\n"
+    client.delete_manifest("Service", "radar", after["digest"])
+    assert path.read_text() == first
+
+
 def routes(robot) -> list[tuple[str, str, str]]:
     """(method, path, operation) of every route; each must have an operation."""
     found = []

@@ -272,3 +272,14 @@ def test_what_the_first_of_two_profiles_says_is_not_undone_by_what_the_second_le
     assert "mine" in str(found["container.stop_grace_period"].source)
     assert "common" in str(found["container.stop_signal"].source)
     assert "realtime" in str(found["container.ulimits.rtprio.soft"].source)
+
+
+def test_fields_are_explained_while_manifests_have_mistakes(tree):
+    arm = tree / "services/arm.yaml"
+    arm.write_text(arm.read_text() + "  bogus: 1\n")
+    (tree / "services/broken.yaml").write_text("! [")
+    assert "linger: 20s" in rorg("idle.linger", at=tree.parent).stdout
+    assert "try service.spec.priority" in rorg("priorty", at=tree.parent, code=2).stderr
+    assert "try base" in rorg("bas", at=tree.parent, code=2).stderr
+    for service in ("arm", "broken", "services/base"):
+        assert "unknown key 'bogus'" in rorg(service, at=tree.parent, code=2).stderr

@@ -10,6 +10,8 @@ from rorg.cli.output import dump, echo, missing, table
 from rorg.errors import Invalid
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from rorg.manifest.field_paths import Place
     from rorg.manifest.field_texts import FieldText
 
@@ -56,7 +58,6 @@ def command(
 
 def _service(context: Any, what: str, kind: str, name: str) -> list[Any]:
     """All effective values of a service. Raises Invalid for an unknown name, with the nearest one."""
-    from rorg.manifest.documents import manifest_files
     from rorg.manifest.effective import effective
 
     if kind not in ("", "services", "service"):
@@ -64,14 +65,24 @@ def _service(context: Any, what: str, kind: str, name: str) -> list[Any]:
     try:
         catalog = context.catalog()
     except Invalid:
-        if kind or context.directory or ("." not in what and manifest_files(context.root)):
-            raise  # it may be a service of manifests with mistakes
-        raise _unknown(what, None) from None
+        names = _names(context.root)
+        if kind or what in names or (context.directory and not names):
+            raise
+        raise _unknown(what, names or None) from None
     if name in catalog.services:
         return effective(context.root, name, context.robot)
     if name in catalog.groups:
         raise Invalid(f"explain '{name}'", "it is a group", f"one of {', '.join(catalog.groups[name].services)}")
     raise missing("service", name, catalog.services) if kind else _unknown(what, catalog.services)
+
+
+def _names(root: Path) -> set[str]:
+    """Names that may be services of manifests with mistakes."""
+    from rorg.api.manifest_texts import manifests_of
+    from rorg.manifest.documents import manifest_files
+
+    declared = {name for kind, name in manifests_of(root) if kind in ("Service", "Group")}
+    return declared | {path.stem for path in manifest_files(root)}
 
 
 def _unknown(what: str, services: Any) -> Invalid:
