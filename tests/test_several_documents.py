@@ -7,10 +7,12 @@ from pathlib import Path
 import pytest
 
 from rorg.api.manifest_texts import check_name, file_with, manifests_of
+from rorg.cli.completions import declared
 from rorg.errors import Invalid
 from rorg.manifest.load import load
 from rorg.manifest.yaml_documents import document_texts, read_documents, with_document
 from rorg.manifest.yaml_source import MAX_NODES
+from rorg.sim.variants import Tree, _with_policy
 
 
 def service(name: str, more: str = "", kind: str = "Service") -> str:
@@ -129,3 +131,31 @@ def test_one_document_is_replaced_and_the_others_stay(tmp_path):
 def test_a_text_of_several_documents_is_not_written_at_one_name():
     with pytest.raises(Invalid, match="the text has 2 documents; send one at a time"):
         check_name("Service", "aa", service("aa") + "---\n" + service("bb"))
+
+
+def test_all_names_of_a_file_are_completed(tmp_path):
+    tree(tmp_path, service("aa"), service("bb"), PROFILE)
+    assert declared(tmp_path, ("service",)) == ["developer", "aa", "bb"]
+
+
+def test_a_file_of_several_documents_may_have_any_name_and_any_kinds(tmp_path):
+    tree(tmp_path, PROFILE, service("aa"), file="services/driving.yaml")
+    assert told(tmp_path) == []
+
+
+def test_secrets_of_each_broken_document_are_known(tmp_path):
+    said = "  secrets: [TOKEN]\n  container: {environment: {TOKEN: SECRET}}\n  bogus: 1\n"
+    tree(tmp_path, service("aa", said.replace("SECRET", "first-one")), service("bb", said.replace("SECRET", "second")))
+    known = {str(s.spec["environment"]["TOKEN"]) for s in load(tmp_path).read.services.values() if s.secrets}
+    assert known == {"first-one", "second"}
+
+
+def test_another_policy_keeps_the_other_documents_of_the_file(tmp_path):
+    policy = "apiVersion: rorg/v1\nkind: Policy\nmetadata: {name: policy}\nspec: {idle: {linger: %s}}\n"
+    root = tmp_path / "tree"
+    tree(root, service("aa"), policy % "1s", service("bb"), file="services/all.yaml")
+    other = tmp_path / "other.yaml"
+    other.write_text(policy % "9s")
+    found = _with_policy(other, Tree(root, "", ""))
+    assert {"aa", "bb"} <= found.services.keys()
+    assert found.services["aa"].idle.linger == 9

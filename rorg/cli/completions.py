@@ -22,6 +22,7 @@ MOST = 1 << 16
 NAME = re.compile(
     r"""^metadata:\s*(?:\{[^}\n]*?|(?:.*\n\s+)*?)\bname:\s*["']?([\w.-]+(?:[/:][\w.-]+)*)""", re.MULTILINE
 )
+SEPARATOR = re.compile(r"^---(?=\s)", re.MULTILINE)
 KIND = re.compile(r"^kind:\s*(\w+)", re.MULTILINE)
 
 
@@ -157,7 +158,8 @@ def declared(root: Path, kinds: Sequence[str]) -> list[str]:
     for path in sorted((*root.glob("*.yaml"), *(p for k in kinds for p in root.glob(f"{KINDS[k][0]}/*.yaml")))):
         with path.open(encoding="utf-8", errors="replace") as file:
             text = file.read(MOST)
-        kind, name = KIND.search(text), NAME.search(text)
-        if kind and name and kind[1].lower() in kinds:
-            found.append(name[1])
+        for part in SEPARATOR.split(text):
+            kind, name = KIND.search(part), NAME.search(part)
+            if kind and name and kind[1].lower() in kinds:
+                found.append(name[1])
     return found

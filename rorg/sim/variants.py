@@ -134,7 +134,8 @@ def _with_policy(file: Path, tree: Tree) -> Catalog:
     edits: dict[Path, str | None] = {}
     for policy in sources.get("Policy", {}).values():
         edits[policy.path] = with_document(read_text(policy.path, tree.root), ("Policy", policy.name), None)
-    edits[tree.root / "policies" / f"{file.stem}.yaml"] = text
+    path = tree.root / "policies" / f"{file.stem}.yaml"
+    edits[path] = f"{edits[path]}\n---\n{text}" if edits.get(path) else text
     return usable(file, load(tree.root, edits, engine=tree.engine, robot=tree.robot))
 
 
