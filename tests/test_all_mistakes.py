@@ -105,3 +105,9 @@ def test_secrets_of_a_broken_manifest_are_known(tmp_path):
     said = "  image: robot\n  bogus: 1\n  secrets: [TOKEN]\n  container: {environment: {TOKEN: very-secret}}\n"
     loaded = load(tree(tmp_path, nav=said))
     assert any("very-secret" in str(s.spec) and s.secrets == ("TOKEN",) for s in loaded.read.services.values())
+
+
+def test_a_value_that_yaml_cannot_give_is_not_checked_further(tmp_path):
+    assert told(tree(tmp_path, nav='  image: robot\n  mounts: ["./a\\0b:/x"]\n', good="  image: robot\n")) == [
+        "nav: a NUL character, which ends a text for the engine and for programs"
+    ]

@@ -195,6 +195,8 @@ def check_source(written: Written, root: Path, variables: Variables = NONE) -> t
     told = {d.where for d in before}  # report one mistake at one place
     source, more = collected(_checked(document, written.path, root, variables))
     found = [*before, *(d for d in more if d.where not in told)]
+    if any(d.code != "duplicate-key" for d in written.found):
+        source = None  # values that YAML cannot give, such as a NUL character in a path, are no values to check
     source = replace(source, partial=bool(found), several=written.several) if source else None
     return source, noted(found, [document])
 

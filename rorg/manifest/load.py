@@ -93,16 +93,16 @@ def _load(
     (sources, broken), diagnostics = collected(read_tree(root, edits, robot))
     if not sources and not diagnostics:
         raise Invalid(f"read manifests in {root}", "no manifests there", "a directory with services/*.yaml")
+    told = {d.where for d in diagnostics}  # what is wrong by itself is reported once
     by_kind, more = collected(_by_kind(sources))
     diagnostics += [*more, *check_spelling(sources)]
+    every, by_kind = by_kind, {k: {n: s for n, s in of.items() if not s.partial} for k, of in by_kind.items()}
     found(inputs(root, by_kind))
-    (whole, doubtful), more = collected(_catalog(by_kind, broken, engine))
-    by_kind = {kind: {n: s for n, s in found.items() if not s.partial} for kind, found in by_kind.items()}
+    (whole, doubtful), more = collected(_catalog(every, broken, engine))
     kept = by_kind.get("Service", {})
     catalog = replace(whole, services={n: s for n, s in whole.services.items() if n in kept or n == DEVELOPER})
     more += check_conflicts(catalog, kept, sure=not broken or bool(by_kind.get("Policy")))
     catalog, of_images = collected(_with_images(catalog, by_kind, doubtful, engine))
-    told = {d.where for d in diagnostics}  # what was wrong by itself is reported once
     more = [d for d in (*more, *of_images) if d.where not in told]
     diagnostics = noted([*diagnostics, *more], [source.document for source in sources])
     refused = any(d.severity == "error" for d in diagnostics)
