@@ -126,7 +126,8 @@ def test_apply_says_that_it_does_not_wait_for_the_bake_or_does(rorg, robot):
 def test_what_it_said_before_the_current_run(dockerd, tmp_path):
     robot = RealRobot(tmp_path, "docker", dockerd.host, with_server=True)
     try:
-        robot.declare({"base": {"always_on": True, "command": ["sh", "-c", "read a b </proc/uptime; echo run $a; exec sleep 1000"]}})
+        says = "read a b </proc/uptime; echo run $a; exec sleep 1000"
+        robot.declare({"base": {"always_on": True, "command": ["sh", "-c", says]}})
         robot.wait(lambda: robot.active() == {"base"})
 
         def logs(*words: str) -> list[str]:
