@@ -148,9 +148,7 @@ def test_a_mistake_says_which_variable_it_comes_from(tree):
     assert "integer (PRIORITY is set at robots/nora/robot.env:2)" in said(tree, "nora")[0]
     write_tree(tree, {"arm": {"needs": ["${NAME}"]}})
     (tree / "robot.env").write_text("NAME=lidar\n")
-    assert said(tree)[0].endswith(
-        "needs unknown service 'lidar' (NAME is set at robot.env:1); try one of developer"
-    )
+    assert said(tree)[0].endswith("needs unknown service 'lidar' (NAME is set at robot.env:1); try one of developer")
 
 
 def test_a_name_alone_takes_the_value_of_the_variable(tmp_path):
