@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from robots import RealRobot
 
 from rorg.errors import advice
-from rorg.manifest.load import load
+from rorg.manifest.load import MOST_TOLD, load
 from rorg.manifest.validation import idle, texts
 from rorg.manifest.validation.codes import CODES
 from rorg.manifest.validation.run import validate
@@ -90,6 +90,54 @@ container:
         ("services/arm.yaml:8:5", "allow-without-effect"),
         ("services/arm.yaml:10:10", "tty-without-stdin"),
     ]
+
+
+def test_what_holds_for_all_services_is_told_once_and_not_of_those_that_may(tmp_path, monkeypatch):
+    spec = "image: net:1\nprofile: plain\ncontainer:\n  logging: {driver: json-file}"
+    allowed = f"{spec}   # rorg: allow log-without-limits: the disk is large\n"
+    monkeypatch.chdir(build(tmp_path, {"arm": allowed, "base": f"{spec}\n", "face": f"{spec}\n", "net": f"{spec}\n"}))
+    (found,) = load(Path(".")).diagnostics
+    assert (str(found.where), found.code) == ("services/base.yaml:8:14", "log-without-limits")
+    assert found.message.endswith("; 2 more like it, the next at services/face.yaml:8:14")
+
+
+def test_hints_are_shown_on_request(tmp_path):
+    tree = build(tmp_path, {"net": "image: net:1\ncontainer: {tty: true}\n"})
+    assert rorg("validate", ".", cwd=tree).stderr == "ok: 1 service\n"
+    assert json.loads(rorg("validate", ".", "-o", "json", cwd=tree).stdout) == []
+    assert "services/net.yaml:6:20: hint: 'net' has a terminal" in rorg("validate", ".", "--hints", cwd=tree).stderr
+    (run,) = json.loads(rorg("validate", ".", "--hints", "-o", "sarif", cwd=tree).stdout)["runs"]
+    assert run["results"][0]["level"] == run["tool"]["driver"]["rules"][0]["defaultConfiguration"]["level"] == "note"
+
+
+def test_hints_take_no_place_of_a_warning(tmp_path, monkeypatch):
+    spec = "image: net:1\ncontainer: {tty: true, privileged: true}\n"
+    monkeypatch.chdir(build(tmp_path, {f"s{n}": spec for n in range(MOST_TOLD)}))
+    assert [d.code for d in load(Path(".")).diagnostics] == ["privileged"] * MOST_TOLD
+
+
+def test_the_socket_of_the_engine_is_told_once_and_nobody_is_told_to_mount_run(tmp_path, monkeypatch):
+    volumes = '["/var/run/docker.sock:/var/run/docker.sock", "/run/avahi.sock:/run/avahi.sock"]'
+    monkeypatch.chdir(build(tmp_path, {"net": f"image: net:1\ncontainer:\n  volumes: {volumes}\n"}))
+    found = [(d.code, d.remedy) for d in load(Path(".")).diagnostics]
+    assert found == [
+        ("engine-socket-mounted", "may_request or may_manage, by which rorg does it"),
+        ("socket-file-mounted", "a directory of its own for the socket"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("option", "unless"),
+    [
+        ("environment: {NVIDIA_VISIBLE_DEVICES: all}", "unless the engine's default runtime gives it one"),
+        ("{network_mode: host, ipc: private}", "if its middleware is Fast DDS"),
+    ],
+)
+def test_what_the_image_or_the_engine_may_know_is_told_with_an_if(option, unless, tmp_path, monkeypatch):
+    options = option if option.startswith("{") else f"{{{option}}}"
+    spec = f"image: net:1\ncommand: ros2 run demo talker\ncontainer: {options}\n"
+    monkeypatch.chdir(build(tmp_path, {"net": spec}))
+    assert [d.code for d in load(Path(".")).diagnostics if unless in d.message]
 
 
 def test_an_error_cannot_be_let_pass(tmp_path, monkeypatch):

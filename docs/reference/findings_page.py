@@ -16,6 +16,7 @@ Findings are mistakes that `rorg validate` reports although each manifest is wel
 
 - An **error** can never work. rorg refuses the tree, and the robot continues with the last good one.
 - A **warning** does not stop the tree from coming into force.
+- A **hint** changes little. Only `rorg validate --hints` shows it.
 
 If you mean what a warning complains about, allow it with a comment on its line, or on the line before. The comment
 must say why:
@@ -41,7 +42,7 @@ def findings() -> str:
     for family, codes in TABLE.items():
         text += f"\n## {family}\n"
         for name, code in codes.items():
-            seen = ", on this machine" if code.machine else ""
+            seen = ", on this machine" if code.machine else ", once per robot" if code.once else ""
             text += f"\n### {name}\n\n**{code.severity}**{seen}: {code.cause} {code.advice}.\n"
             path = CASES / f"{name}.yaml"
             text += _example(yaml.safe_load(path.read_text(encoding="utf-8"))) if path.exists() else ""

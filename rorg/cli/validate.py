@@ -14,6 +14,7 @@ from rorg.cli.options import FORMS, Directory, EngineName, Option, StateDirector
 from rorg.cli.output import dump, note, print_rows
 from rorg.cli.terminal import hide
 from rorg.errors import Exit, Invalid, advice
+from rorg.model.diagnostics import HINT
 from rorg.model.units import counted
 
 if TYPE_CHECKING:
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
     from rorg.model.diagnostics import Diagnostic
 
 SARIF = "sarif"
+LEVELS = {HINT: "note"}
+"""SARIF's words for severities, if they differ from ours."""
 
 
 def command(
@@ -37,6 +40,7 @@ def command(
     machine: Annotated[
         bool, Option("Also check against this machine and its engine: devices, paths, ports, limits, runtimes.")
     ] = False,
+    hints: Annotated[bool, Option("Also show hints: findings that change little.")] = False,
     state_dir: StateDirectory = None,
 ) -> None:
     """Check manifests and report every mistake with file:line:column, for the base and for each robot with an
@@ -51,24 +55,24 @@ def command(
     engine = known_engine(engine)
     root = directory or (Path("manifests") if Path("manifests").is_dir() else Path("."))
     client = None if directory or manifest_files(root) else Context(state_dir, engine).client()
-    if client and machine:
+    if client and (machine or hints):
         root, client = _here(client.call("GET", "/v1/diff")["root"]), None
     if client:
         _followed(client.call("GET", "/v1/diff"), output)
     else:
-        _read(root, engine, output, Context(state_dir, engine, root).named_robot, machine)
+        _read(root, engine, output, Context(state_dir, engine, root).named_robot, machine, hints)
 
 
 def _here(root: str) -> Path:
-    """The tree of the running rorg, if that runs on this machine."""
+    """The tree of the running rorg, if that is on this machine."""
     if not Path(root).is_dir():
-        raise Invalid("check this machine", f"{root} is not on this one", "`rorg validate --machine` there")
+        raise Invalid("check the manifests here", f"{root} is not on this machine", "the same command there")
     return Path(root)
 
 
-def _read(root: Path, engine: str, output: str, robot: str, machine: bool) -> None:
+def _read(root: Path, engine: str, output: str, robot: str, machine: bool, hints: bool) -> None:
     """Validates the files of a directory and reports the result."""
-    told, loaded, robots = findings(root, engine, robot, machine)
+    told, loaded, robots = findings(root, engine, robot, machine, hints)
     _tell([d.as_json() for d in told], output)
     if errors := sum(d.severity == "error" for d in told):
         refuse(errors)
@@ -84,7 +88,9 @@ def _read(root: Path, engine: str, output: str, robot: str, machine: bool) -> No
     note("ok: " + ", ".join(counted(n, what) for what, n in counts.items() if n or what == "service"))
 
 
-def findings(root: Path, engine: str, robot: str = "", machine: bool = False) -> tuple[list[Diagnostic], Loaded, int]:
+def findings(
+    root: Path, engine: str, robot: str = "", machine: bool = False, hints: bool = False
+) -> tuple[list[Diagnostic], Loaded, int]:
     """All findings in the files of a directory, for one robot, or for the base and all robots; the base, and the number
     of robots. From now on, no output of this process shows a secret of theirs."""
     from rorg.core.masking import Masker
@@ -103,7 +109,7 @@ def findings(root: Path, engine: str, robot: str = "", machine: bool = False) ->
         masker.learn(found.read)
         here = _on_this_machine(found, engine) if machine else ()
         told += [d.on(name) for d in (*found.diagnostics, *here) if (d.where, d.message) not in known]
-    return sorted(told), loaded, len(robots)
+    return sorted(d for d in told if hints or d.severity != HINT), loaded, len(robots)
 
 
 def _on_this_machine(loaded: Loaded, engine: str) -> list[Diagnostic]:
@@ -178,7 +184,7 @@ def _rule(code: str, codes: Mapping[str, Any]) -> dict[str, Any]:
         "id": code,
         "shortDescription": {"text": about.cause},
         "help": {"text": f"{about.advice}. See docs/reference/findings.md#{code}."},
-        "defaultConfiguration": {"level": about.severity},
+        "defaultConfiguration": {"level": LEVELS.get(about.severity, about.severity)},
     }
 
 
@@ -190,7 +196,7 @@ def _result(found: Mapping[str, Any], rule: int) -> dict[str, Any]:
     return {
         "ruleId": found["code"] or FORM,
         "ruleIndex": rule,
-        "level": found["severity"],
+        "level": LEVELS.get(str(found["severity"]), found["severity"]),
         "message": {"text": f"{found['message']}{advice(found['remedy'])}"},
         "locations": [{"physicalLocation": place}],
     }

@@ -34,7 +34,7 @@ from rorg.manifest.used_objects import check_default, joined, misspelt, objects_
 from rorg.manifest.validation.run import validate
 from rorg.manifest.variables import noted
 from rorg.model.catalog import DEVELOPER, Catalog, Group, Request, Service
-from rorg.model.diagnostics import Diagnostic, Reading, Where, collected, few_suggestions
+from rorg.model.diagnostics import HINT, Diagnostic, Reading, Where, collected, few_suggestions
 from rorg.model.image_names import stem, stems
 from rorg.model.policy import Policy
 from rorg.model.units import counted
@@ -118,8 +118,12 @@ def _load(
 
 
 def _told(diagnostics: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
-    """Sorts by place. If there are too many, errors come before warnings, and the last line counts the rest."""
+    """Sorts by place. If there are too many, hints are left out, errors come before warnings, and the
+    last line counts the rest."""
     found = sorted(set(diagnostics))
+    if len(found) <= MOST_TOLD:
+        return tuple(found)
+    found = [d for d in found if d.severity != HINT]
     if len(found) <= MOST_TOLD:
         return tuple(found)
     first = sorted(found, key=lambda d: d.severity)[:MOST_TOLD]

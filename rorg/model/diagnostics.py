@@ -11,6 +11,8 @@ from typing import TypeVar
 
 from rorg.errors import advice
 
+HINT = "hint"
+
 
 @dataclass(frozen=True, slots=True, order=True)
 class Where:
@@ -26,7 +28,7 @@ class Where:
 
 @dataclass(frozen=True, slots=True, order=True)
 class Diagnostic:
-    """One mistake or finding: an error refuses the whole tree, a warning does not."""
+    """One mistake or finding. An error refuses the whole tree, a warning does not; a hint is shown on request."""
 
     where: Where
     message: str

@@ -116,7 +116,8 @@ def _screens(subject: Subject) -> Iterator[Finding]:
         yield Finding("x11-private-ipc", subject.variable("DISPLAY"), message)
     name = next((n for n in NVIDIA if subject.env.get(n) not in (None, "", "none", "void")), "")
     if name and not subject.options.get("gpus") and subject.options.get("runtime") != "nvidia":
-        message = f"{name} is set, and '{subject.name}' is given no GPU"
+        message = f"{name} is set, and '{subject.name}' is given no GPU, unless the engine's default runtime "
+        message += "gives it one"
         yield Finding("gpu-variables-without-gpu", subject.variable(name), message)
 
 

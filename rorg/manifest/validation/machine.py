@@ -103,7 +103,7 @@ def _runtimes(subject: Subject, machine: Machine) -> Iterator[Finding]:
         code = "gpu-without-runtime" if runtime == "nvidia" else "missing-runtime"
         yield Finding(code, subject.option("runtime"), f"the engine has no runtime '{runtime}'")
     elif subject.options.get("gpus") and "nvidia" not in machine.runtimes:
-        message = f"'{subject.name}' wants a GPU, and the engine has no nvidia runtime"
+        message = f"'{subject.name}' wants a GPU, and the engine names no nvidia runtime: it may refuse"
         yield Finding("gpu-without-runtime", subject.option("gpus"), message)
 
 

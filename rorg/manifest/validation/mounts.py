@@ -16,6 +16,8 @@ from rorg.model.volumes import Mount
 
 ENGINES = ("docker.sock", "podman.sock", "containerd.sock", "crio.sock")
 OURS = "rorg.sock"
+SHARED = ("/", "/run", "/tmp", "/var/run")
+"""Directories that hold the sockets of many programs, and much else."""
 SYSTEM = ("/bin", "/etc", "/lib", "/lib64", "/opt", "/opt/ros", "/sbin", "/usr", "/usr/bin", "/usr/lib", "/var")
 HOST = ("/", "/etc", "/proc", "/root", "/home", "/usr", "/var", "/var/lib/docker")
 MOST_ENTRIES = 500
@@ -31,9 +33,11 @@ def _sockets(subject: Subject) -> Iterator[Finding]:
         if name in ENGINES:
             message = f"'{subject.name}' may tell the engine anything: it is root on this machine"
             yield Finding("engine-socket-mounted", where, message)
+            continue
         message = f"{mount.path} is a socket file. Its program creates a new one when it restarts, and "
         message += f"'{subject.name}' keeps the dead one"
-        remedy = f"{posixpath.dirname(mount.path)}, its directory"
+        folder = posixpath.dirname(mount.path)
+        remedy = f"{folder}, its directory" if folder not in SHARED else "a directory of its own for the socket"
         yield Finding("socket-file-mounted", where, message, remedy, "error" if name == OURS else "warning")
 
 

@@ -16,7 +16,6 @@ ROS1_NAMES, ROS2_NAMES = (
 CLI = ("rosnode", "rostopic", "rosservice", "rosparam", "ros2")
 SECRET = re.compile(r"(PASSWORD|PASSWD|SECRET|API_?KEY|ACCESS_?KEY|AUTH_?TOKEN|_TOKEN)$", re.IGNORECASE)
 PYTHON = re.compile(r"python[0-9.]*")
-WAITS = re.compile(r"^(sleep|wait-for|wait-for-it(\.sh)?|wait_for_it(\.sh)?)$")
 ASKS = r"\b(rostopic|rosnode|rosservice|rosparam|ros2|nc|curl|ping)\b"
 OPERATORS = ("&&", "||", ";", "|", ">", ">>", "2>&1", "<", "&")
 EXPANDED = re.compile(r"(?<!\$)\$(\(|\{?[A-Za-z_]\w*)|`")
@@ -99,7 +98,7 @@ def _waiting(robot: Robot) -> Iterator[Finding]:
     """Services that guess how long another service takes, instead of checking it."""
     for subject in (s for s in robot.subjects if s.script):
         commands = [c for c in subject.commands if c]
-        sleeps = next((c for c in commands[:-1] if WAITS.match(c[0])), ())
+        sleeps = next((c for c in commands[:-1] if c[0].rpartition("/")[2] == "sleep"), ())
         if _loops(subject.script):
             message = f"'{subject.name}' waits in a loop of its own for what it needs"
             yield Finding("sleep-as-readiness", subject.command(), message)

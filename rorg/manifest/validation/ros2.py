@@ -28,6 +28,7 @@ ALIKE = {
 }
 """Variables that should be the same everywhere: the finding if they are not, the default, and the consequence."""
 SMALLEST = 16 << 20
+_UNLESS = ", unless its image sets it"
 
 
 def _single(robot: Robot) -> Iterator[Finding]:
@@ -57,6 +58,7 @@ def _differing(robot: Robot) -> Iterator[Finding]:
             zenoh = name == "RMW_IMPLEMENTATION" and "zenoh" in value + usual
             then = "they do not see each other" if zenoh else result
             message = f"{name} is {said} in '{subject.name}', and {usual or 'not set'} in others: {then}"
+            message += "" if subject.env.get(name) else _UNLESS
             yield Finding(code, subject.variable(name), message, f"{usual} for all of them" if default else "")
 
 
@@ -77,6 +79,11 @@ def shares_memory(subject: Subject) -> bool:
     return env.get("RMW_IMPLEMENTATION", "") in SHARED and not own and "UDP" not in transports.upper()
 
 
+def _unsaid(subject: Subject) -> str:
+    """The reservation about a service that does not name its middleware."""
+    return "" if subject.env.get("RMW_IMPLEMENTATION") else ", if its middleware is Fast DDS, the usual one"
+
+
 def _sharers(robot: Robot) -> dict[str, list[Subject]]:
     """Services that exchange data only by shared memory, by the owner of that memory: at the same address, each assumes
     that the other is on its own machine."""
@@ -93,12 +100,13 @@ def _memory(robot: Robot) -> Iterator[Finding]:
     for name in sorted(alone):
         (subject,) = sharers[name]
         message = f"'{name}' is on the host's network with shared memory of its own: no data passes to or from others"
+        message += _unsaid(subject)
         yield Finding("ros2-host-net-private-ipc", subject.option("ipc"), message)
     together = {s: whose for whose, members in sharers.items() if whose not in alone for s in members}
     values = {s.name: whose for s, whose in together.items()}
     for subject, usual in minority(together, values):
         message = f"'{subject.name}' has the shared memory of {values[subject.name]}, others that of {usual}: "
-        message += "no data passes between them"
+        message += f"no data passes between them{_unsaid(subject)}"
         yield Finding("ros2-host-net-private-ipc", subject.option("ipc"), message, "one ipc for all of them")
 
 
@@ -106,6 +114,7 @@ def _users(robot: Robot) -> Iterator[Finding]:
     for together in _sharers(robot).values():
         for subject, usual in minority(together, {s.name: s.uid for s in together}):
             message = f"'{subject.name}' runs as user {subject.uid}, others as {usual}: they exchange no data"
+            message += _unsaid(subject)
             where = subject.option("user") if "user" in subject.options else subject.source.where("metadata", "name")
             yield Finding("ros2-mixed-uid", where, message, f'user: "{usual}" for all of them')
 

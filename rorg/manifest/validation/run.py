@@ -23,7 +23,7 @@ def validate(catalog: Catalog, sources: Mapping[str, Mapping[str, Source]]) -> l
     manifests of the Catalog, by kind and name."""
     robot = Robot(catalog, sources)
     found = [d for check in CHECKS for d in _found(check, robot)]
-    return allowed(found, allows_of(sources), machine=False)
+    return list(_once(allowed(found, allows_of(sources), machine=False)))
 
 
 def _found(check: Check, robot: Robot) -> list[Diagnostic]:
@@ -43,6 +43,19 @@ def diagnostics(findings: Iterable[Finding]) -> Iterator[Diagnostic]:
         yield Diagnostic(found.where, found.message, remedy, severity, found.code)
 
 
+def _once(found: Iterable[Diagnostic]) -> Iterator[Diagnostic]:
+    """Reduces findings of the codes that a robot shows only once to the first of each, with the number of others."""
+    places: dict[str, list[Diagnostic]] = {}
+    for diagnostic in sorted(found):
+        if diagnostic.code in CODES and CODES[diagnostic.code].once:
+            places.setdefault(diagnostic.code, []).append(diagnostic)
+        else:
+            yield diagnostic
+    for first, *others in places.values():
+        more = f"; {len(others)} more like it, the next at {others[0].where}" if others else ""
+        yield replace(first, message=f"{first.message}{more}")
+
+
 def allows_of(sources: Mapping[str, Mapping[str, Source]]) -> list[Allow]:
     """The comments of these files that allow warnings."""
     return [allow for found in sources.values() for source in found.values() for allow in source.document.allows]
@@ -58,7 +71,7 @@ def allowed(found: Iterable[Diagnostic], allows: Collection[Allow], machine: boo
     used: set[Allow] = set()
     left = []
     for diagnostic in found:
-        near = good.get((diagnostic.where.file, diagnostic.code), []) if diagnostic.severity == "warning" else []
+        near = good.get((diagnostic.where.file, diagnostic.code), []) if diagnostic.severity != "error" else []
         by = [a for a in near if a.lines[0] <= diagnostic.where.line <= a.lines[1]]
         used.update(by)
         if not by:

@@ -17,7 +17,9 @@ from rorg.model.image_names import declared
 from rorg.model.ros import MASTERS
 
 ENGINE_RESTARTS = ("always", "unless-stopped", "on-failure")
-PYTHON = re.compile(r"^(python[0-9.]*|.*\.py)$")
+CLEAN = re.compile(r"^(python[0-9.]*|.*\.(py|sh|bash))$")
+ENTRYPOINT = "ros_entrypoint.sh"
+"""It sets ROS up and becomes the program behind it."""
 HANDLES = frozenset((*MASTERS, "roslaunch", "rosbag", "ros2", "supervisord", "tini", "dumb-init"))
 """Programs that end cleanly on SIGTERM."""
 EXEC = re.compile(r"(^|[;&|]\s*)exec\s")
@@ -38,9 +40,9 @@ def _signals(subject: Subject) -> Iterator[Finding]:
     if signal in ("KILL", "9"):
         where = subject.option("stop_signal")
         yield Finding("stop-by-kill", where, f"'{subject.name}' is killed immediately instead of being stopped")
-    elif signal in ("TERM", "15") and subject.ros1 and not subject.ros2 and not _python(subject):
+    elif signal in ("TERM", "15") and subject.ros1 and not subject.ros2 and (node := _node(subject)):
         end = "is killed after its grace period" if not subject.options.get("init") else "ends immediately"
-        message = f"a C++ node of ROS 1 does not unregister on SIGTERM: it {end}, and stays registered"
+        message = f"if {node} is a C++ node, it does not unregister on SIGTERM: it {end}, and stays registered"
         yield Finding("sigterm-with-cpp-node", subject.option("stop_signal"), message)
     grace = subject.options.get("stop_grace_period")
     if subject.ros1 and isinstance(grace, int | float) and grace < SHORT:
@@ -48,17 +50,16 @@ def _signals(subject: Subject) -> Iterator[Finding]:
         yield Finding("grace-too-short", subject.option("stop_grace_period"), message)
 
 
-def _python(subject: Subject) -> bool:
-    """Whether the program that gets the signal is known to end cleanly on SIGTERM. Shells are checked elsewhere."""
-    words = subject.words
-    if not words:
-        return True  # the image's own command is unknown
-    first = words[0].rpartition("/")[2]
-    if first in SHELLS:
-        return True
-    if first == "rosrun":
-        return len(words) > 2 and bool(PYTHON.match(words[2]))
-    return bool(PYTHON.match(first)) or not HANDLES.isdisjoint(subject.programs)
+def _node(subject: Subject) -> str:
+    """The program that gets the signal, if it may be a C++ node. Empty if it is known to end cleanly on SIGTERM, if
+    the image's own command is unknown, and for shells and their scripts, which are checked elsewhere."""
+    words = [w for w in subject.words if w.rpartition("/")[2] != ENTRYPOINT]
+    if words and words[0].rpartition("/")[2] == "rosrun":
+        words = words[2:]
+    first = words[0].rpartition("/")[2] if words else ""
+    if not first or first in SHELLS or CLEAN.match(first) or not HANDLES.isdisjoint(subject.programs):
+        return ""
+    return f"'{first}'"
 
 
 def _shells(robot: Robot) -> Iterator[Finding]:

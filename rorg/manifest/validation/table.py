@@ -1,0 +1,250 @@
+"""The table of codes as text, which is easier to read and to write than calls. A published code never changes.
+
+It has what holds for all findings of a code. An entry is `CODE: why this is a finding`, and below it what to try, in
+words that follow "try"; `to ...` is an instruction. (error): it can never work, and the tree is refused. (hint): shown
+only by `rorg validate --hints`. Other codes are warnings. (once): shown at its first place, with the number of others.
+(machine): found only by `rorg validate --machine`.
+"""
+
+TEXT = r"""
+# Form
+duplicate-key (error): One of the two silently wins.
+  try to drop one
+empty-document (error): An empty file was most likely cut off.
+  try to fill it, or delete the file
+allow-without-reason: Next year's reader must know why the exception is right.
+  try a reason behind the code
+allow-unknown-code: A comment with a misspelt code has no effect.
+  try a code of this page
+allow-without-effect: The finding that it allowed is gone, or on another line.
+  try to drop the comment
+# Networks
+ports-with-host-network (error): On the host's network there is nothing to publish: all ports are the host's own.
+  try network_mode: bridge, or drop it
+sysctls-with-host-network (error): The engine refuses these, because they belong to the host there.
+  try to set it on the host, or use another network_mode
+hostname-with-host-network (error): On the host's network, nothing can resolve that name. A ROS master ends with "unable
+  to contact my own server".
+  try to drop it, or set ROS_HOSTNAME: localhost
+mixed-networks: ROS gives nodes the addresses of the others: across networks topics are listed, but no data arrives.
+  try network_mode: host for all of them
+ros-without-network: ROS uses the network even on a single machine.
+  try network_mode: host
+ros-master-uri (error): ROS programs fail to start with it.
+  try http://localhost:11311
+ros-ip-and-hostname: ROS takes ROS_HOSTNAME and ignores ROS_IP.
+  try to drop one of them
+ros-master-elsewhere: The nodes register elsewhere under a name that means that other machine itself: it cannot call
+  them back.
+  try ROS_IP with this machine's address, and no ROS_HOSTNAME
+ros-masters-differ: Nodes at different masters do not see each other.
+  try one ROS_MASTER_URI for all
+ros2-local-on-bridge: On its own network, a container counts as another machine.
+  try network_mode: host
+port-taken-twice: The second one cannot start.
+  try another port, or conflicts between the two
+port-probed-twice: Whichever is up first makes the other one count as ready.
+  try another port, or conflicts between the two
+# Stopping
+engine-restart-policy: A service that rorg has stopped comes back when the engine restarts.
+  try to drop it; spec.restart says the same to rorg
+sigterm-with-cpp-node: A roscpp node does not unregister on SIGTERM. As PID 1 it does not even end: it takes 10 s, exits
+  with 137, and leaves a stale registration.
+  try stop_signal: SIGINT with init: true, as the profile common has them
+stop-by-kill: The program cannot close, save or unregister anything.
+  try stop_signal: SIGINT
+shell-without-exec: The signal reaches the shell, not its program.
+  try exec before the last program
+shell-form-command: The shell is PID 1 and does not pass the signal on: the program is killed after the grace period.
+  try CMD ["program", "argument"] in the Dockerfile
+grace-too-short: It is killed before it has unregistered from the master.
+  try stop_grace_period: 5s
+# Idle services
+pause-of-infrastructure (error): Everything that talks to it would hang.
+  try idle: {action: stop}
+pause-of-actuator-consumer: A resumed subscriber receives its whole backlog: commands up to half a minute old.
+  try idle: {action: stop}, or {action: pause, connected: stop}
+duplicate-node-name: A paused node shuts down when it resumes and another node has taken its name.
+  try idle: {action: stop}, or another node name
+conflict-not-declared: ROS shuts down the first of two nodes with the same name.
+  try conflicts
+pause-of-ros-service: A call to a paused node does not fail. It hangs until the node resumes.
+  try idle: {action: stop}
+pause-of-server: The kernel keeps accepting connections for a paused program: callers do not fail, they wait.
+  try idle: {action: stop}
+pause-of-latched-publisher: Late subscribers never receive the map or the transform from a paused publisher.
+  try idle: {action: stop}, or {action: pause, connected: stop}, or needs of those that use it
+connected-without-pause: `connected` says what to do instead of a pause, but this service is never paused.
+  try idle: {action: pause, connected: stop}
+pause-with-healthcheck: The engine also probes paused containers, and calls them unhealthy.
+  try `ready` and `live`, which rorg asks only of what runs
+ready-after-its-timeout: Every start counts as late.
+  try a longer timeout
+linger-shorter-than-start: A request a little later waits for a whole start.
+  try a longer linger
+# ROS 1
+second-master: The second ROS master at the same address ends immediately.
+  try to drop one
+ros1-without-roscore: It may start before its master, and does not restart with it.
+  try profile: ros1
+ros-parameter-twice: A ROS master keeps one value per name: the one from the service that started last.
+  try to declare it in a service that both need
+need-without-restart: A node that outlives its master never returns to the graph.
+  try profile: ros1
+roslaunch-without-wait: If it finds no ROS master it starts its own, and other nodes then use that.
+  try --wait
+needed-without-ready: Without `ready`, a service counts as ready as soon as its process exists.
+  try ready: {tcp: PORT}
+sim-time-without-clock: All clocks stay at 0, and every timed wait lasts forever.
+  try use_sim_time: false, or the service that publishes /clock
+hidden-dependency: It runs without the service that it uses, and then hangs or fails.
+  try needs
+# ROS 2
+ros2-host-net-private-ipc: Fast DDS uses shared memory for peers with the same address: 0 of 50 messages arrive.
+  try ipc: host, or profile: ros2
+ros2-mixed-uid: One user cannot open the other's shared memory: 0 of 50 messages arrive.
+  try one user for all of them
+ros2-domain-mismatch: Participants in different domains do not find each other: 0 of 50 messages arrive.
+  try profile: ros2 for all of them
+ros1-probe-of-ros2 (error): No ROS 1 master knows a ROS 2 program. The one that answers on this machine may be another
+  robot's.
+  try a tcp, file, log or exec probe; or ROS_MASTER_URI in its environment, if it bridges to ROS 1
+ros2-domain-range: Above 232 there are no ports; 102 to 214 collide with the ports of outgoing connections.
+  try 0 to 101
+ros2-rmw-mismatch: Two DDS implementations may not understand each other; Zenoh and DDS never do.
+  try profile: ros2 for all of them
+ros2-release-mismatch: Humble and later releases limit themselves to this machine in different ways: 0 of 50 messages
+  arrive.
+  try one release for all of them
+ros2-discovery-mismatch: Other machines find only some of them, or they do not find each other.
+  try the same for all of them
+ros2-daemon: The daemon remembers nodes that no longer exist, and is killed with the container.
+  try --no-daemon
+misspelt-rmw: Every ROS 2 program ends immediately.
+  try rmw_fastrtps_cpp
+shm-too-small: A participant without shared memory dies of SIGBUS, or sends nothing.
+  try shm_size: 256Mi
+shm-nearly-full (machine): A participant without shared memory dies of SIGBUS, or sends nothing.
+  try `mount -o remount,size=50% /dev/shm`, or remove what fills it
+# Devices
+privileged: One mistake in it, or one attack on it, reaches the whole machine.
+  try driver: {devices, groups, realtime}, which give what is needed
+sys-admin: It lets a container mount the machine's disks.
+  try the one capability that is needed
+whole-dev-mounted: It reaches all disks, and the machine's /dev/shm too.
+  try driver: {devices: [...]}
+unstable-device-path: The kernel numbers these in the order in which it finds them.
+  try /dev/serial/by-id/...
+missing-device (machine): The container cannot start, nor start again after an unplug.
+  try to plug it in, or use its name in /dev/serial/by-id
+device-as-volume: Opening it fails with "operation not permitted", even for root.
+  try driver: {devices: [...]}
+device-shared: Two programs on one port each get half of the data.
+  try conflicts between the two
+device-without-group: The device exists, but the program may not open it.
+  try driver: {groups: [dialout]}
+realtime-without-sys-nice: Limits alone do not let a container's root raise its priority; SYS_NICE does.
+  try driver: {realtime: true}
+sys-nice-without-rtprio: Only root's programs keep capabilities; others have only limits.
+  try driver: {realtime: true}
+display-without-x11: It ends when it opens its first window.
+  try volumes: ["/tmp/.X11-unix:/tmp/.X11-unix:ro"]
+x11-private-ipc: X11 programs show black windows or end with BadAccess: the server cannot read their shared memory.
+  try environment: {QT_X11_NO_MITSHM: "1"}, as the profile x11 has it, or ipc: host
+gpu-variables-without-gpu: Without a GPU, the variable has no effect.
+  try gpus: all
+gpu-without-runtime (machine): Without it, the engine cannot create the container on this machine.
+  try the NVIDIA container toolkit
+# Mounts and commands
+socket-file-mounted (error): A mounted socket file is dead once its program restarts.
+  try its directory
+engine-socket-mounted: A program that can talk to the engine can mount the whole machine.
+  try may_request or may_manage, by which rorg does it
+missing-mount-source: The engine creates an empty directory instead, and the program fails silently.
+  try to create it
+mount-not-writable (machine): Its logs, bags or maps are lost.
+  try another owner of the directory
+mount-over-system: The image's own programs disappear.
+  try a directory of its own inside
+whole-host-mounted: A mistake in it deletes the machine's files.
+  try the one directory, or :ro
+missing-file: The program ends immediately, at every start.
+  try to create it
+program-not-executable: The container cannot start: permission denied.
+  try chmod +x
+script-with-crlf: The container cannot start: no such file or directory.
+  try line ends of Unix
+shell-words-without-shell: rorg splits a command into words and runs no shell.
+  try command: [bash, -c, "..."] with exec before the last program
+program-in-background: The container keeps running and counts as ready when half of it is gone.
+  try a Service of its own for each program
+sudo-without-privileges: The command fails immediately.
+  try user: root, and no sudo
+# Limits and logs
+limit-below-expected: It is killed or slowed down during normal work.
+  try a higher limit
+always-on-over-budget: The machine is overloaded before anything is requested.
+  try fewer services that are always on
+budget-without-resources: rorg admits it regardless of what else runs.
+  try resources: {cpu: 0.5, memory: 100Mi}
+read-only-ros: It ends immediately, because it cannot create a log directory.
+  try tmpfs: [/tmp], with ROS_LOG_DIR: /tmp/ros
+user-without-home: It ends immediately, because it cannot create the directory /.ros.
+  try environment: {ROS_HOME: /tmp/ros}, or HOME
+log-without-limits (once): A full disk stops everything.
+  try logging: {driver: json-file, options: {max-size: 10m, max-file: "3"}}
+recording-without-limit: A full disk stops everything.
+  try --split --size=1024 --max-splits=20
+tty-without-stdin (hint): Programs format their output for a terminal that is not there.
+  try stdin_open: true, or drop tty
+shm-size-with-ipc-host: The engine ignores it.
+  try to drop one of them
+oom-kill-disabled-without-limit: The kernel kills everything else first.
+  try mem_limit
+nofile-too-high: Python closes every possible descriptor up to the limit, one by one.
+  try nofile: {soft: 1024, hard: 524288}
+time-zones-differ: You cannot compare times in the logs.
+  try one TZ, in a profile
+# Programs
+latest-tag (once): A rollback cannot find the earlier image.
+  try a tag with a version, or a digest
+ros-version-of-image: The program is missing, and the container ends immediately.
+  try an image of the other ROS
+ros-entrypoint-replaced: The ROS programs are not on the path.
+  try /ros_entrypoint.sh as the first word of the entry point
+misspelt-image: The image does not exist, and the service waits forever.
+  try the Image's name
+misspelt-variable: A misspelt variable silently has no effect.
+  try its right name
+costly-probe: A dozen of these use a whole core.
+  try ros_node, ros_topic or ros_service, which cost 2 ms
+ready-without-healthcheck: It never becomes ready.
+  try a healthcheck, or another form of `ready`
+sleep-as-readiness: The sleep is too short on a slow day, and too long on all others.
+  try needs, and `ready` on what it waits for
+secret-in-manifest: Everyone who can read the repository can read it.
+  try env_file, or secrets: [NAME]
+python-output-held-back (once): The last output before a crash is lost.
+  try environment: {PYTHONUNBUFFERED: "1"}
+unconfined: The container can exploit kernel bugs that the profile blocks.
+  try to drop it
+requests-itself: A request counts only while something else wants its requester.
+  try a request of developer, or always_on: true
+# The machine
+device-of-other-group (machine): The device exists, but the program may not open it.
+  try its group, by number
+missing-host-path (machine): The engine creates an empty directory instead, and the program fails silently.
+  try to create it
+missing-runtime (machine): The engine cannot create the container.
+  try to install it, or use another runtime
+port-in-use (machine): The container cannot start while another program has the port.
+  try another port, or end that program
+limit-above-kernel (machine): The engine cannot grant more than it has itself.
+  try a smaller limit, or a higher one for the engine
+more-than-machine (machine): This machine does not have that much.
+  try less of it
+cgroup-version (machine): This machine's kernel does not support that option.
+  try to drop it
+realtime-throttled (machine): Real-time programs are throttled or refused.
+  try kernel.sched_rt_runtime_us as the kernel has it: 950000
+"""
