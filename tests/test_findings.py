@@ -140,6 +140,19 @@ def test_what_the_image_or_the_engine_may_know_is_told_with_an_if(option, unless
     assert [d.code for d in load(Path(".")).diagnostics if unless in d.message]
 
 
+def test_a_process_has_the_devices_files_and_names_of_its_machine(tmp_path, monkeypatch):
+    spec = """image: laser:1
+command: python3 -c pass /dev/ttyUSB0
+container:
+  environment: {CYCLONEDDS_URI: "file:///cyclonedds.xml"}
+"""
+    monkeypatch.chdir(build(tmp_path, {"laser": spec}))
+    found = {engine: {d.code for d in load(Path("."), engine=engine).diagnostics} for engine in ("docker", "process")}
+    of_containers = {"device-not-given", "file-not-mounted"}
+    assert of_containers <= found["docker"]
+    assert of_containers.isdisjoint(found["process"])
+
+
 def test_an_error_cannot_be_let_pass(tmp_path, monkeypatch):
     spec = "image: face:1\ncontainer:\n  # rorg: allow ports-with-host-network: why not\n  ports: ['80:80']\n"
     monkeypatch.chdir(build(tmp_path, {"face": spec}))

@@ -107,7 +107,8 @@ def _load(
     diagnostics = noted([*diagnostics, *more], [source.document for source in sources])
     refused = any(d.severity == "error" for d in diagnostics)
     # Of a refused tree only errors count: services that could not be read may be the ones that others need.
-    diagnostics += [d for d in validate(catalog, by_kind) if d.severity == "error" or not refused]
+    checked = validate(catalog, by_kind, contained=not of_this_machine(engine))
+    diagnostics += [d for d in checked if d.severity == "error" or not refused]
     if any(d.severity == "error" for d in diagnostics):
         partly = {f"{n}?": s for n, s in whole.services.items() if n not in catalog.services}
         unread = {**partly, **unread_secrets(root, edits or {}, broken)}

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import difflib
 import re
 from collections.abc import Iterator
 
-from rorg.manifest.validation.robot import Finding, Robot, each
+from rorg.manifest.validation.robot import Finding, Robot, each, in_containers
 from rorg.manifest.validation.subject import Subject
+from rorg.model.diagnostics import Where
 
 UNSTABLE = (
     (re.compile(r"/dev/tty(USB|ACM)[0-9]+"), "/dev/serial/by-id/..."),
@@ -22,19 +24,47 @@ GROUPS = (
     (re.compile(r"/dev/(tty|serial/)"), "dialout"),
     (re.compile(r"/dev/(video|v4l/)"), "video"),
     (re.compile(r"/dev/input/"), "input"),
+    (re.compile(r"/dev/snd"), "audio"),
 )
 DEVICE = re.compile(r"/dev/(?!shm|log|pts|mqueue|null$|zero$|random$|urandom$|full$|hugepages).+")
-NVIDIA = ("NVIDIA_VISIBLE_DEVICES", "NVIDIA_DRIVER_CAPABILITIES")
+HARDWARE = re.compile(
+    r"(?<![\w./-])/dev/(?!shm|std|fd\b|pts|ptmx|tty(?![A-Z])|console|null|zero|random|urandom|full|mqueue)[\w./-]*\w"
+)
+"""Devices in a command line, except those that each container has."""
+MADE = re.compile(r"\b(socat|mknod|ln -s\w*|interceptty)\b")
+"""Words of scripts that make devices, or give them other names."""
+DRIVERS = {
+    "joy_node": ("/dev/input/",),
+    "game_controller_node": ("/dev/input/",),
+    "usb_cam_node": ("/dev/video", "/dev/v4l/"),
+    "usb_cam_node_exe": ("/dev/video", "/dev/v4l/"),
+    "v4l2_camera_node": ("/dev/video", "/dev/v4l/"),
+    "realsense2_camera_node": ("/dev/bus/usb/", "/dev/video"),
+}
+"""Nodes that do nothing without one of these devices."""
+_DEBIAN = """
+root daemon bin sys adm tty disk lp mail news uucp man proxy kmem dialout fax voice cdrom floppy tape sudo audio dip
+www-data backup operator list irc src shadow utmp video sasl plugdev staff games users nogroup"""
+DEBIAN = tuple(_DEBIAN.split())
+"""The groups of every image of Debian and Ubuntu."""
+HARDWARE_GROUPS = ("audio", "dialout", "input", "plugdev", "render", "video")
+ADDED = ("bluetooth", "docker", "gpio", "i2c", "input", "kvm", "netdev", "pulse-access", "render", "spi")
+"""Groups that packages add on a machine, and seldom in images."""
+CAN = re.compile(r"(?<![\w./-])(?:v|sl)?can[0-9]{1,2}(?![\w./:-])")
 
 
 def _paths(subject: Subject) -> Iterator[Finding]:
     named = [(host, subject.device(host)) for host, _ in subject.devices]
     named += [(m.path, subject.volume(m)) for m in subject.mounts if m.path.startswith("/dev/")]
+    found = dict[str, dict[str, Where]]()
     for host, where in named:
         stable = next((remedy for form, remedy in UNSTABLE if form.fullmatch(host)), "")
         if stable:
-            message = f"{host} may be another device after unplugging, or after a reboot of the machine"
-            yield Finding("unstable-device-path", where, message, stable)
+            found.setdefault(stable, {}).setdefault(host, where)
+    for stable, places in found.items():
+        are = "another device" if len(places) == 1 else "other devices"
+        message = f"{', '.join(places)} may be {are} after unplugging, or after a reboot of the machine"
+        yield Finding("unstable-device-path", min(places.values()), message, stable)
 
 
 def _whole(subject: Subject) -> Iterator[Finding]:
@@ -104,21 +134,56 @@ def _realtime(subject: Subject) -> Iterator[Finding]:
         yield Finding("sys-nice-without-rtprio", subject.item("cap_add", "SYS_NICE", "CAP_SYS_NICE"), message)
 
 
-def _screens(subject: Subject) -> Iterator[Finding]:
-    display = subject.env.get("DISPLAY", "")
-    if display.startswith(":") and not any(
-        m.target.startswith("/tmp") and "X11" in m.target + m.source for m in subject.mounts
-    ):
-        message = f"DISPLAY is {display}, and its socket is not in the container"
-        yield Finding("display-without-x11", subject.variable("DISPLAY"), message)
-    elif display.startswith(":") and subject.ipc != "host" and subject.env.get("QT_X11_NO_MITSHM") != "1":
-        message = f"'{subject.name}' offers the screen shared memory, and ipc: {subject.ipc} hides it from the server"
-        yield Finding("x11-private-ipc", subject.variable("DISPLAY"), message)
-    name = next((n for n in NVIDIA if subject.env.get(n) not in (None, "", "none", "void")), "")
-    if name and not subject.options.get("gpus") and subject.options.get("runtime") != "nvidia":
-        message = f"{name} is set, and '{subject.name}' is given no GPU, unless the engine's default runtime "
-        message += "gives it one"
-        yield Finding("gpu-variables-without-gpu", subject.variable(name), message)
+def _named(subject: Subject) -> Iterator[Finding]:
+    """Devices that the command names, and that are not in the container, or only under another path."""
+    if subject.options.get("privileged") or MADE.search(subject.script):
+        return
+    inside = [*(target for _, target in subject.devices), *(m.target for m in subject.mounts)]
+    hosts = dict(subject.devices)
+    for path in dict.fromkeys(path for word in subject.words for path in HARDWARE.findall(word)):
+        if not any(f"{path}/".startswith(f"{target.rstrip('/')}/") for target in inside):
+            other = hosts.get(path, "")
+            message = f"the command names {path}, which is {other} in the container" if other else ""
+            message = message or f"the command names {path}, which '{subject.name}' is not given"
+            remedy = f"{other} in the command" if other else f"driver: {{devices: [{path}]}}"
+            yield Finding("device-not-given", subject.command(), message, remedy)
 
 
-CHECKS = (_shared, *map(each, (_paths, _whole, _bound, _privileges, _groups, _realtime, _screens)))
+def _drivers(subject: Subject) -> Iterator[Finding]:
+    """Drivers without any device of their kind."""
+    given = [*(target for _, target in subject.devices), *(m.target for m in subject.mounts)]
+    for name in sorted(subject.executables & DRIVERS.keys()) if not subject.options.get("privileged") else ():
+        paths = DRIVERS[name]
+        if not any(path.startswith(paths) or any(p.startswith(f"{path}/") for p in paths) for path in given):
+            message = f"{name} reads {' or '.join(paths)}, and '{subject.name}' is given no such device"
+            yield Finding("program-without-device", subject.command(), message)
+
+
+def _members(subject: Subject) -> Iterator[Finding]:
+    """Groups that the image does not know: the engine then refuses to start the container."""
+    for name in map(str, subject.options.get("group_add") or ()):
+        if name.isdigit() or name in DEBIAN:
+            continue
+        close = "" if name in ADDED else next(iter(difflib.get_close_matches(name, HARDWARE_GROUPS, 1, 0.8)), "")
+        if close:
+            message = f"there is hardly a group '{name}' in the image"
+            yield Finding("misspelt-group", subject.group(name), message, close)
+        elif name in ADDED:
+            message = f"images of Debian and Ubuntu have no group '{name}', unless a package adds it"
+            yield Finding("group-not-in-image", subject.group(name), message)
+
+
+def _can(robot: Robot) -> Iterator[Finding]:
+    """Interfaces of a CAN bus, which only the host's network has."""
+    for subject in robot.subjects:
+        found = next((m for word in subject.words if (m := CAN.search(word))), None)
+        if found and robot.whose(subject, "network_mode") != "host" and "ip link add" not in subject.script:
+            message = f"'{subject.name}' uses {found[0]}, which its network ({subject.network}) does not have"
+            yield Finding("can-without-host-network", subject.command(), message)
+
+
+CHECKS = (
+    _shared,
+    *map(each, (_paths, _whole, _bound, _privileges, _groups, _realtime)),
+    *map(in_containers, (_can, *map(each, (_named, _drivers, _members)))),
+)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import posixpath
 from collections.abc import Iterator
+from itertools import pairwise
 
-from rorg.manifest.validation.robot import Finding, Robot, each
+from rorg.manifest.validation.robot import Finding, Robot, each, in_containers
 from rorg.manifest.validation.subject import Subject
 from rorg.model.graph import closure
 from rorg.model.units import format_memory
 
+OUTPUTS = ("-o", "-O", "--output", "--output-prefix", "--output-name")
 MOST_FILES = 1 << 20
 """Python 2 and roslaunch close every descriptor up to the limit for each process that they start."""
 
@@ -121,4 +124,35 @@ def _bags(subject: Subject) -> Iterator[Finding]:
             yield Finding("recording-without-limit", subject.command(), message)
 
 
-CHECKS = (_budgets, _zones, *map(each, (_expected, _writing, _logs, _useless, _bags)))
+def _lost_bags(subject: Subject) -> Iterator[Finding]:
+    """Recordings in the container itself: they are gone with it."""
+    kept = [mount.target for mount in subject.mounts if not mount.read_only]
+    for command in subject.commands if not subject.options.get("volumes_from") else ():
+        words = [w.rpartition("/")[2] for w in command]
+        if "record" not in words or {"rosbag", "bag"}.isdisjoint(words):
+            continue
+        found = (b for a, b in pairwise(command) if a in OUTPUTS)
+        path = next((w.partition("=")[2] for w in command if w.partition("=")[0] in OUTPUTS and "=" in w), "")
+        path = posixpath.join(str(subject.options.get("working_dir") or ""), path or next(found, "."))
+        if path.startswith("/") and "$" not in path:
+            lost = not any(f"{posixpath.normpath(path)}/".startswith(f"{target}/") for target in kept)
+        else:
+            lost = not kept
+        if lost:
+            message = f"'{subject.name}' records into its container, and nothing is mounted there to keep it"
+            yield Finding("recording-outside-mounts", subject.command(), message)
+
+
+def _shared_memory(subject: Subject) -> Iterator[Finding]:
+    size, limit = subject.options.get("shm_size") or 0, memory_limit(subject)
+    if 0 < limit < size and subject.ipc != "host":
+        message = f"shm_size {format_memory(size)} is part of mem_limit {format_memory(limit)}, and can never be full"
+        yield Finding("shm-above-mem-limit", subject.option("shm_size"), message)
+
+
+CHECKS = (
+    _budgets,
+    _zones,
+    *map(each, (_expected, _writing, _logs, _useless, _bags, _shared_memory)),
+    in_containers(each(_lost_bags)),
+)

@@ -12,6 +12,7 @@ from rorg.manifest.validation.robot import Finding, each
 from rorg.manifest.validation.subject import Subject
 from rorg.manifest.validation.texts import named_files, read
 from rorg.model.catalog import RUN
+from rorg.model.diagnostics import HINT
 from rorg.model.volumes import Mount
 
 ENGINES = ("docker.sock", "podman.sock", "containerd.sock", "crio.sock")
@@ -46,7 +47,8 @@ def _sources(subject: Subject) -> Iterator[Finding]:
     for mount in _of_tree(subject):
         if not os.path.lexists(mount.path):
             message = f"{_shown(subject, mount)} does not exist, and the engine creates an empty directory there"
-            yield Finding("missing-mount-source", subject.volume(mount), message)
+            data = not mount.read_only and not posixpath.splitext(mount.path)[1]  # an empty directory may be meant
+            yield Finding("missing-mount-source", subject.volume(mount), message, severity=HINT if data else "")
             continue
         dead = next(_dead_links(mount.path), "")
         if dead:

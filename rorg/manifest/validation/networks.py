@@ -7,13 +7,20 @@ from collections import Counter
 from collections.abc import Iterator
 from urllib.parse import urlsplit
 
-from rorg.manifest.validation.robot import Finding, Robot, each
+from rorg.manifest.validation.robot import Finding, Robot, each, in_containers
 from rorg.manifest.validation.subject import Subject
+from rorg.model.diagnostics import Where
 from rorg.model.ports import Published
 
 LOCAL = ("localhost", "127.0.0.1", "::1", "")
 URI = r"http://[^/\s]+:[0-9]+/?"
 ANY = ("", "0.0.0.0", "::")
+URL_HOST = re.compile(r"://([A-Za-z][\w.-]*)")
+PLACE = re.compile(r"(?<![\w./:-])([A-Za-z][\w.-]*):([0-9]{4,5})(?![\w.])")
+NAMES_HOST = re.compile(r"(?:^|_)(HOST|HOSTNAME|SERVER|BROKER|ADDRESS)$")
+FIRST_FREE = 1024
+NOWHERE = re.compile(r"0\.0\.0\.0|::|(eth|wlan|usb|br)[0-9]+|(en|wl)[opsx][0-9]\w*")
+"""No address, or the name of an interface."""
 
 
 def _host_names(subject: Subject) -> Iterator[Finding]:
@@ -122,4 +129,39 @@ def _probed(robot: Robot) -> Iterator[Finding]:
             yield Finding("port-probed-twice", subject.at(*asked.path), message)
 
 
-CHECKS = (_mixed, _local_only, _masters, _differing, _ports, _probed, each(_host_names))
+def _names(robot: Robot) -> Iterator[Finding]:
+    """Names of services as names of hosts: only the engine's own networks resolve them."""
+    names = {n: s.name for s in robot.subjects for n in (s.name, s.service.container_name)}
+    for subject in (s for s in robot.subjects if robot.whose(s, "network_mode") == "host"):
+        known = {str(line).replace("=", ":").partition(":")[0] for line in subject.options.get("extra_hosts") or ()}
+        told = set[str]()
+        for where, host in _hosts(subject):
+            if host in names and host not in known and host not in told:
+                told.add(host)
+                message = f"network_mode: host resolves no '{host}', the name of a service, unless /etc/hosts has it"
+                yield Finding("service-name-on-host-network", where, message)
+
+
+def _hosts(subject: Subject) -> Iterator[tuple[Where, str]]:
+    """(place, name) of each host that its environment or its command line names."""
+    for name, value in subject.env.items():
+        found = set(URL_HOST.findall(value)) | {host for host, port in PLACE.findall(value) if int(port) >= FIRST_FREE}
+        for host in sorted(found | ({value} if NAMES_HOST.search(name) else set())):
+            yield subject.variable(name), host
+    for host in sorted({host for word in subject.words for host in URL_HOST.findall(word)}):
+        yield subject.command(), host
+
+
+def _addresses(subject: Subject) -> Iterator[Finding]:
+    """Addresses that a node of ROS 1 announces, and at which nothing reaches it."""
+    for name in ("ROS_IP", "ROS_HOSTNAME"):
+        if NOWHERE.fullmatch(value := subject.env.get(name, "")):
+            message = f"{name} is {value}, where no other machine can call the nodes of '{subject.name}'"
+            yield Finding("ros-address", subject.variable(name), message)
+
+
+CHECKS = (
+    *(_mixed, _local_only, _masters, _differing, _ports, _probed),
+    *map(each, (_host_names, _addresses)),
+    in_containers(_names),
+)

@@ -24,6 +24,8 @@ class Robot:
     catalog: Catalog
     sources: Mapping[str, Mapping[str, Source]]
     """By kind and name."""
+    contained: bool = True
+    """Whether its programs run in containers, with files and devices of their own."""
 
     @cached_property
     def subjects(self) -> tuple[Subject, ...]:
@@ -112,6 +114,11 @@ Check = Callable[[Robot], Iterator[Finding]]
 def each(check: Callable[[Subject], Iterator[Finding]]) -> Check:
     """A check of a robot that checks one service at a time."""
     return lambda robot: (finding for subject in robot.subjects for finding in check(subject))
+
+
+def in_containers(check: Check) -> Check:
+    """A check that only holds for programs in containers."""
+    return lambda robot: check(robot) if robot.contained else iter(())
 
 
 def minority(subjects: Collection[Subject], values: Mapping[str, str]) -> list[tuple[Subject, str]]:

@@ -14,6 +14,7 @@ from rorg.model.diagnostics import Where
 
 CLOCKS = re.compile(r"(?<![\w-])(gazebo|gzserver|stageros|--clock|/clock|webots|ign|gz)\b")
 """Words that identify programs which publish simulated time."""
+WAITS = re.compile(r"--wait\b|\bwait[-_]for[-_]")
 SIM_TIME = re.compile(r"use_sim_time\W{1,12}(?:value\W{1,3})?true", re.IGNORECASE)
 
 
@@ -37,7 +38,7 @@ def _needing(robot: Robot) -> Iterator[Finding]:
     for subject in (s for s in robot.ros1 if masters and not s.is_master):
         mine = [masters[n] for n in sorted(masters) if n in robot.needs(subject.name)]
         names = {m.name for m in mine}
-        waits = "roslaunch" not in subject.programs or any("--wait" in word for word in subject.words)
+        waits = "roslaunch" not in subject.programs or any(WAITS.search(word) for word in subject.words)
         if not mine:
             first = next(iter(masters))
             message = f"'{subject.name}' is a program of ROS 1, and does not need '{first}'"

@@ -6,8 +6,10 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from rorg.manifest.validation.robot import Finding, Robot, minority
+from rorg.manifest.validation.robot import Finding, Robot, each, minority
 from rorg.manifest.validation.subject import Subject
+from rorg.manifest.validation.texts import text_of
+from rorg.manifest.validation.variables import RMW
 from rorg.model.ros import RELEASES
 
 MOST_DOMAIN = 232
@@ -28,6 +30,21 @@ ALIKE = {
 }
 """Variables that should be the same everywhere: the finding if they are not, the default, and the consequence."""
 SMALLEST = 16 << 20
+ZENOH = "rmw_zenoh_cpp"
+ROUTERS = frozenset(("rmw_zenohd", "zenohd"))
+BARE = re.compile(r"(docker\.io/)?(library/|osrf/)?ros:(humble|iron|jazzy)\b")
+"""Official images that have only the middleware of Fast DDS."""
+REMOTE = re.compile(r"(?<![\w.])(?!127\.|0\.)[0-9]{1,3}(\.[0-9]{1,3}){3}(?![\w.])")
+SIM_TIME = re.compile(r"use_sim_time\W{1,3}true\b", re.IGNORECASE)
+CLOCKS = re.compile(r"gazebo|gzserver|webots|isaac|\b(ign|gz|parameter_bridge|bag|ros1_bridge)\b|--clock|/clock")
+"""Words that identify programs which publish simulated time, or have no time of their own."""
+TIMELESS = frozenset(
+    (
+        *("static_transform_publisher", "teleop_twist_keyboard", "teleop_keyboard", "joy_node", "foxglove_bridge"),
+        *("rosbridge_websocket", "micro_ros_agent", "rmw_zenohd", "topic_tools", "twist_mux"),
+    )
+)
+"""Nodes that behave alike in both times."""
 _UNLESS = ", unless its image sets it"
 
 
@@ -97,10 +114,12 @@ def _sharers(robot: Robot) -> dict[str, list[Subject]]:
 def _memory(robot: Robot) -> Iterator[Finding]:
     sharers = _sharers(robot)
     alone = {name for name, members in sharers.items() if [s.name for s in members] == [name]}
-    for name in sorted(alone):
+    for name in sorted(alone)[:1]:
         (subject,) = sharers[name]
-        message = f"'{name}' is on the host's network with shared memory of its own: no data passes to or from others"
-        message += _unsaid(subject)
+        others = ", ".join(f"'{other}'" for other in sorted(alone)[1:])
+        beside = f", as {others} are" if others else ""
+        message = f"'{name}' is on the host's network with shared memory of its own{beside}: no data passes to or "
+        message += f"from others{_unsaid(subject)}"
         yield Finding("ros2-host-net-private-ipc", subject.option("ipc"), message)
     together = {s: whose for whose, members in sharers.items() if whose not in alone for s in members}
     values = {s.name: whose for s, whose in together.items()}
@@ -133,4 +152,40 @@ def _masters(robot: Robot) -> Iterator[Finding]:
             yield Finding("ros1-probe-of-ros2", subject.at("ros", "parameters"), message, remedy)
 
 
-CHECKS = (_masters, _single, _differing, _releases, _memory, _users)
+def _routers(robot: Robot) -> Iterator[Finding]:
+    """Zenoh without a router: nodes find each other only through it, unless they are told otherwise."""
+    users = [s for s in robot.ros2 if s.env.get("RMW_IMPLEMENTATION") == ZENOH]
+    alone = [s for s in users if not any(name.startswith("ZENOH_") for name in s.env)]
+    routers = (s for s in robot.subjects if "zenoh" in str(s.options.get("image")) or ROUTERS & s.programs)
+    if alone and next(routers, None) is None:
+        message = f"'{alone[0].name}' finds others only through a router, and no service of this robot is one"
+        yield Finding("zenoh-without-router", alone[0].variable("RMW_IMPLEMENTATION"), message)
+
+
+def _missing(subject: Subject) -> Iterator[Finding]:
+    """Middleware that the official images do not have, and servers beyond the machine that a node is limited to."""
+    name, env = str(subject.options.get("image") or ""), subject.env
+    rmw = env.get("RMW_IMPLEMENTATION", "")
+    if BARE.match(name) and rmw in RMW and rmw not in SHARED and not re.search(r"\bapt(-get)?\b", subject.script):
+        message = f"'{name}' has no {rmw}: no node starts"
+        yield Finding("rmw-not-in-image", subject.variable("RMW_IMPLEMENTATION"), message)
+    far = next((n for n in ("ROS_DISCOVERY_SERVER", "ROS_STATIC_PEERS") if REMOTE.search(env.get(n, ""))), "")
+    if far and env.get("ROS_LOCALHOST_ONLY") == "1":
+        message = f"ROS_LOCALHOST_ONLY keeps '{subject.name}' on this machine, and {far} is {env[far]}"
+        yield Finding("ros2-local-with-remote-server", subject.variable(far), message)
+
+
+def _times(robot: Robot) -> Iterator[Finding]:
+    """Simulated time in some services, while others do not mention it."""
+    users = [s for s in robot.ros2 if SIM_TIME.search(text_of(s))]
+    others = [s for s in robot.ros2 if s not in users and not TIMELESS & s.executables] if users else []
+    others = [s for s in others if not CLOCKS.search(text_of(s))]
+    if others:
+        more = f" and {len(others) - 3} more" if len(others) > 3 else ""
+        shown = ", ".join(f"'{s.name}'" for s in others[:3]) + more
+        message = f"'{users[0].name}' uses simulated time, and {shown} real time, unless their launch files or "
+        message += "parameters set it"
+        yield Finding("sim-time-in-some", others[0].command(), message)
+
+
+CHECKS = (_masters, _single, _differing, _releases, _memory, _users, _routers, _times, each(_missing))

@@ -7,21 +7,34 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import replace
 
 from rorg.manifest.documents import Source, unexpected
-from rorg.manifest.validation import devices, idle, limits, mounts, networks, programs, ros1, ros2, stopping, variables
+from rorg.manifest.validation import (
+    commands,
+    devices,
+    displays,
+    idle,
+    limits,
+    mounts,
+    networks,
+    programs,
+    ros1,
+    ros2,
+    stopping,
+    variables,
+)
 from rorg.manifest.validation.codes import CODES
 from rorg.manifest.validation.robot import Check, Finding, Robot
 from rorg.manifest.yaml_source import Allow
 from rorg.model.catalog import Catalog
 from rorg.model.diagnostics import Diagnostic, Where, nearest
 
-FAMILIES = (networks, stopping, idle, ros1, ros2, devices, mounts, limits, programs, variables)
+FAMILIES = (*(networks, stopping, idle, ros1, ros2, devices, displays, mounts, limits, programs, commands, variables),)
 CHECKS: tuple[Check, ...] = tuple(check for family in FAMILIES for check in family.CHECKS)
 
 
-def validate(catalog: Catalog, sources: Mapping[str, Mapping[str, Source]]) -> list[Diagnostic]:
+def validate(catalog: Catalog, sources: Mapping[str, Mapping[str, Source]], contained: bool = True) -> list[Diagnostic]:
     """Findings about a tree whose manifests are valid on their own, without what comments allow. `sources` are the
-    manifests of the Catalog, by kind and name."""
-    robot = Robot(catalog, sources)
+    manifests of the Catalog, by kind and name. `contained`: its programs run in containers."""
+    robot = Robot(catalog, sources, contained)
     found = [d for check in CHECKS for d in _found(check, robot)]
     return list(_once(allowed(found, allows_of(sources), machine=False)))
 

@@ -11,17 +11,15 @@ from rorg.manifest.dockerfile_lines import DockerfileError
 from rorg.manifest.dockerfile_programs import Programs
 from rorg.manifest.images import read_dockerfile
 from rorg.manifest.validation.robot import Finding, Robot, each
-from rorg.manifest.validation.subject import SHELLS, Subject
+from rorg.manifest.validation.subject import Subject
 from rorg.manifest.validation.texts import read
 from rorg.model.image_names import declared
-from rorg.model.ros import MASTERS
 
 ENGINE_RESTARTS = ("always", "unless-stopped", "on-failure")
-CLEAN = re.compile(r"^(python[0-9.]*|.*\.(py|sh|bash))$")
-ENTRYPOINT = "ros_entrypoint.sh"
-"""It sets ROS up and becomes the program behind it."""
-HANDLES = frozenset((*MASTERS, "roslaunch", "rosbag", "ros2", "supervisord", "tini", "dumb-init"))
-"""Programs that end cleanly on SIGTERM."""
+CLEAN = re.compile(r"\.(py|sh|bash)$")
+"""Programs that end cleanly on SIGTERM, and scripts of shells."""
+INSTALLED = re.compile(r"/(devel|install|noetic|melodic|kinetic)/(.+/)?lib/")
+"""Where nodes of packages are."""
 EXEC = re.compile(r"(^|[;&|]\s*)exec\s")
 NOTHING = re.compile(r"^(true|:|exit 0|exit|wait)$")
 SHORT = 1.0
@@ -51,15 +49,13 @@ def _signals(subject: Subject) -> Iterator[Finding]:
 
 
 def _node(subject: Subject) -> str:
-    """The program that gets the signal, if it may be a C++ node. Empty if it is known to end cleanly on SIGTERM, if
-    the image's own command is unknown, and for shells and their scripts, which are checked elsewhere."""
-    words = [w for w in subject.words if w.rpartition("/")[2] != ENTRYPOINT]
-    if words and words[0].rpartition("/")[2] == "rosrun":
-        words = words[2:]
-    first = words[0].rpartition("/")[2] if words else ""
-    if not first or first in SHELLS or CLEAN.match(first) or not HANDLES.isdisjoint(subject.programs):
-        return ""
-    return f"'{first}'"
+    """The node that gets the signal, if it may be written in C++: one of a ROS package. Shells, their scripts and
+    unknown programs are not."""
+    words = subject.words
+    at = next((n for n, word in enumerate(words) if word.rpartition("/")[2] == "rosrun"), -1)
+    named = words[at + 2 : at + 3] if at >= 0 else words[:1]
+    first = named[0] if named and (at >= 0 or INSTALLED.search(named[0])) else ""
+    return "" if not first or CLEAN.search(first) else f"'{first.rpartition('/')[2]}'"
 
 
 def _shells(robot: Robot) -> Iterator[Finding]:

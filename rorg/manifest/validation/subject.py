@@ -19,6 +19,8 @@ from rorg.model.volumes import Mount, mounted_at, read_mount
 
 SHELLS = ("sh", "bash", "dash", "zsh", "ash")
 ROS2_PROGRAMS = frozenset(("ros2",))
+BEFORE = frozenset(("exec", "env", "nohup", "ros_entrypoint.sh", "tini", "--"))
+"""Words in front of a program that becomes the same process."""
 OPERATORS = frozenset((";", "&&", "||", "|", "&", "\n"))
 MOST_SCRIPT = 128 << 10
 """Maximum number of characters that checks read of a shell's script."""
@@ -83,6 +85,11 @@ class Subject:
     def programs(self) -> frozenset[str]:
         """Names of programs, including all words that may be a program behind another (`entry.sh roslaunch`)."""
         return frozenset(word.rpartition("/")[2] for command in self.commands for word in command)
+
+    @cached_property
+    def executables(self) -> frozenset[str]:
+        """Names of the programs that its commands start, including nodes behind `rosrun` and `ros2 run`."""
+        return frozenset(name for command in self.commands if (name := _executable(command)))
 
     @cached_property
     def network(self) -> str:
@@ -207,6 +214,11 @@ class Subject:
 
         return self._first((("driver", "devices"), ("container", "devices")), same) or self.option("devices")
 
+    def group(self, name: str) -> Where:
+        """The place of a group that is added."""
+        paths = (("driver", "groups"), ("container", "group_add"))
+        return self._first(paths, lambda item: str(item) == name) or self.option("group_add")
+
     def item(self, name: str, *values: str) -> Where:
         """The place of the first of these items in an option that is a list."""
         return self._first((("container", name),), lambda item: item in values) or self.option(name)
@@ -237,6 +249,16 @@ class Subject:
 def _asked(role: str, probe: Probe | None) -> Iterator[Asked]:
     for index, one in enumerate(probe.questions if probe else ()):
         yield Asked(role, one, index if probe and probe.parts else None)
+
+
+def _executable(command: tuple[str, ...]) -> str:
+    names = [word.rpartition("/")[2] for word in command]
+    for at, name in enumerate(names):
+        if name == "rosrun":
+            return next(iter(names[at + 2 :]), "")
+        if name == "ros2":
+            return next(iter(names[at + 3 :]), "") if names[at + 1 : at + 2] == ["run"] else ""
+    return next((name for name in names if name not in BEFORE), "")
 
 
 def _commands(text: str) -> Iterator[tuple[str, ...]]:

@@ -45,6 +45,10 @@ port-taken-twice: The second one cannot start.
   try another port, or conflicts between the two
 port-probed-twice: Whichever is up first makes the other one count as ready.
   try another port, or conflicts between the two
+service-name-on-host-network: Only the networks of the engine resolve the names of services.
+  try localhost, or the address of another machine
+ros-address: A node tells all others this address, and they call it there.
+  try the address of this machine
 # Stopping
 engine-restart-policy: A service that rorg has stopped comes back when the engine restarts.
   try to drop it; spec.restart says the same to rorg
@@ -85,11 +89,11 @@ linger-shorter-than-start: A request a little later waits for a whole start.
 # ROS 1
 second-master: The second ROS master at the same address ends immediately.
   try to drop one
-ros1-without-roscore: It may start before its master, and does not restart with it.
+ros1-without-roscore (once): It may start before its master, and does not restart with it.
   try profile: ros1
 ros-parameter-twice: A ROS master keeps one value per name: the one from the service that started last.
   try to declare it in a service that both need
-need-without-restart: A node that outlives its master never returns to the graph.
+need-without-restart (once): A node that outlives its master never returns to the graph.
   try profile: ros1
 roslaunch-without-wait: If it finds no ROS master it starts its own, and other nodes then use that.
   try --wait
@@ -124,6 +128,14 @@ misspelt-rmw: Every ROS 2 program ends immediately.
   try rmw_fastrtps_cpp
 shm-too-small: A participant without shared memory dies of SIGBUS, or sends nothing.
   try shm_size: 256Mi
+zenoh-without-router: Without a router, nodes of Zenoh do not find each other.
+  try a Service with ros2 run rmw_zenoh_cpp rmw_zenohd
+rmw-not-in-image: Every ROS 2 program ends immediately.
+  try rmw_fastrtps_cpp, or an image with the package of that middleware
+ros2-local-with-remote-server: Nodes that are limited to their machine do not reach others.
+  try ROS_LOCALHOST_ONLY: "0"
+sim-time-in-some: Transforms and timers of two times never meet: messages count as too old.
+  try use_sim_time:=true for all of them
 shm-nearly-full (machine): A participant without shared memory dies of SIGBUS, or sends nothing.
   try `mount -o remount,size=50% /dev/shm`, or remove what fills it
 # Devices
@@ -143,16 +155,32 @@ device-shared: Two programs on one port each get half of the data.
   try conflicts between the two
 device-without-group: The device exists, but the program may not open it.
   try driver: {groups: [dialout]}
+device-not-given: The program cannot open it.
+  try driver: {devices: [...]}
+program-without-device: The program ends, or waits forever.
+  try driver: {devices: [...]}
+misspelt-group: The engine refuses to start a container with an unknown group.
+  try its right name
+group-not-in-image: The engine refuses to start a container with an unknown group.
+  try the group's number on this machine (`getent group NAME`)
+can-without-host-network: The interface of a CAN bus is part of the host's network.
+  try network_mode: host
 realtime-without-sys-nice: Limits alone do not let a container's root raise its priority; SYS_NICE does.
   try driver: {realtime: true}
 sys-nice-without-rtprio: Only root's programs keep capabilities; others have only limits.
   try driver: {realtime: true}
 display-without-x11: It ends when it opens its first window.
   try volumes: ["/tmp/.X11-unix:/tmp/.X11-unix:ro"]
+window-without-display: It ends when it opens its first window.
+  try profile: x11
+file-not-mounted: Programs end, or silently use their defaults.
+  try a volume for it
 x11-private-ipc: X11 programs show black windows or end with BadAccess: the server cannot read their shared memory.
   try environment: {QT_X11_NO_MITSHM: "1"}, as the profile x11 has it, or ipc: host
 gpu-variables-without-gpu: Without a GPU, the variable has no effect.
   try gpus: all
+gpu-without-graphics: OpenGL falls back to the CPU, or fails.
+  try NVIDIA_DRIVER_CAPABILITIES: all, or profile: gpu
 gpu-without-runtime (machine): Without it, the engine cannot create the container on this machine.
   try the NVIDIA container toolkit
 # Mounts and commands
@@ -180,6 +208,20 @@ program-in-background: The container keeps running and counts as ready when half
   try a Service of its own for each program
 sudo-without-privileges: The command fails immediately.
   try user: root, and no sudo
+command-in-one-word: The container cannot start: no such file or directory.
+  try one word per item, or one text without brackets
+script-not-quoted: The shell takes only the first word behind -c as its script.
+  try bash -c "...", with quotes around all of it
+source-in-sh: Programs of ROS are not found.
+  try bash instead of sh
+launch-file-of-ros2: The program ends immediately.
+  try ros2 launch, or a launch file of ROS 1
+ros-args-missing: The node runs with its defaults.
+  try --ros-args before it
+turtlebot3-without-model: The launch file ends with KeyError, or finds no robot description.
+  try environment: {TURTLEBOT3_MODEL: burger}
+keyboard-without-terminal: It ends with "Inappropriate ioctl for device".
+  try tty: true and stdin_open: true
 # Limits and logs
 limit-below-expected: It is killed or slowed down during normal work.
   try a higher limit
@@ -195,9 +237,13 @@ log-without-limits (once): A full disk stops everything.
   try logging: {driver: json-file, options: {max-size: 10m, max-file: "3"}}
 recording-without-limit: A full disk stops everything.
   try --split --size=1024 --max-splits=20
+recording-outside-mounts: The recording is gone when the container is replaced.
+  try volumes: ["bags:/bags"], and -o /bags/NAME
+shm-above-mem-limit: Shared memory counts as memory of the container.
+  try a larger mem_limit, or a smaller shm_size
 tty-without-stdin (hint): Programs format their output for a terminal that is not there.
   try stdin_open: true, or drop tty
-shm-size-with-ipc-host: The engine ignores it.
+shm-size-with-ipc-host (hint): The engine ignores it.
   try to drop one of them
 oom-kill-disabled-without-limit: The kernel kills everything else first.
   try mem_limit
@@ -220,6 +266,10 @@ costly-probe: A dozen of these use a whole core.
   try ros_node, ros_topic or ros_service, which cost 2 ms
 ready-without-healthcheck: It never becomes ready.
   try a healthcheck, or another form of `ready`
+log-probe-without-log: It never becomes ready.
+  try another logging driver, or another form of `ready`
+probe-port-swapped: It never becomes ready.
+  try the port of the command
 sleep-as-readiness: The sleep is too short on a slow day, and too long on all others.
   try needs, and `ready` on what it waits for
 secret-in-manifest: Everyone who can read the repository can read it.
