@@ -140,7 +140,7 @@ def _named(subject: Subject) -> Iterator[Finding]:
         return
     inside = [*(target for _, target in subject.devices), *(m.target for m in subject.mounts)]
     hosts = dict(subject.devices)
-    for path in dict.fromkeys(path for word in subject.words for path in HARDWARE.findall(word)):
+    for path in dict.fromkeys(path for word in subject.words if "/dev/" in word for path in HARDWARE.findall(word)):
         if not any(f"{path}/".startswith(f"{target.rstrip('/')}/") for target in inside):
             other = hosts.get(path, "")
             message = f"the command names {path}, which is {other} in the container" if other else ""

@@ -5,11 +5,11 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterator
+from functools import lru_cache
 from urllib.parse import urlsplit
 
 from rorg.manifest.validation.robot import Finding, Robot, each, in_containers
 from rorg.manifest.validation.subject import Subject
-from rorg.model.diagnostics import Where
 from rorg.model.ports import Published
 
 LOCAL = ("localhost", "127.0.0.1", "::1", "")
@@ -131,25 +131,27 @@ def _probed(robot: Robot) -> Iterator[Finding]:
 
 def _names(robot: Robot) -> Iterator[Finding]:
     """Names of services as names of hosts: only the engine's own networks resolve them."""
-    names = {n: s.name for s in robot.subjects for n in (s.name, s.service.container_name)}
+    names = {n for s in robot.subjects for n in (s.name, s.service.container_name)}
     for subject in (s for s in robot.subjects if robot.whose(s, "network_mode") == "host"):
         known = {str(line).replace("=", ":").partition(":")[0] for line in subject.options.get("extra_hosts") or ()}
-        told = set[str]()
-        for where, host in _hosts(subject):
-            if host in names and host not in known and host not in told:
+        variables = ((n, host) for n, value in subject.env.items() for host in sorted(_hosts(n, value) & names))
+        words = (("", host) for word in subject.words for host in sorted(_hosts("", word) & names))
+        told = set(known)
+        for variable, host in (*variables, *words):
+            if host not in told:
                 told.add(host)
+                where = subject.variable(variable) if variable else subject.command()
                 message = f"network_mode: host resolves no '{host}', the name of a service, unless /etc/hosts has it"
                 yield Finding("service-name-on-host-network", where, message)
 
 
-def _hosts(subject: Subject) -> Iterator[tuple[Where, str]]:
-    """(place, name) of each host that its environment or its command line names."""
-    for name, value in subject.env.items():
-        found = set(URL_HOST.findall(value)) | {host for host, port in PLACE.findall(value) if int(port) >= FIRST_FREE}
-        for host in sorted(found | ({value} if NAMES_HOST.search(name) else set())):
-            yield subject.variable(name), host
-    for host in sorted({host for word in subject.words for host in URL_HOST.findall(word)}):
-        yield subject.command(), host
+@lru_cache(maxsize=8192)
+def _hosts(variable: str, text: str) -> frozenset[str]:
+    """The hosts that the value of a variable names, or a word of a command line if `variable` is empty."""
+    found = set(URL_HOST.findall(text)) if "://" in text else set[str]()
+    if variable and ":" in text:
+        found |= {host for host, port in PLACE.findall(text) if int(port) >= FIRST_FREE}
+    return frozenset(found | {text} if variable and NAMES_HOST.search(variable) else found)
 
 
 def _addresses(subject: Subject) -> Iterator[Finding]:

@@ -18,8 +18,8 @@ from rorg.model.image_names import declared
 ENGINE_RESTARTS = ("always", "unless-stopped", "on-failure")
 CLEAN = re.compile(r"\.(py|sh|bash)$")
 """Programs that end cleanly on SIGTERM, and scripts of shells."""
-INSTALLED = re.compile(r"/(devel|install|noetic|melodic|kinetic)/(.+/)?lib/")
-"""Where nodes of packages are."""
+INSTALLED = re.compile(r"/(devel|install|noetic|melodic|kinetic)/")
+"""Where packages are installed; their nodes are below lib."""
 EXEC = re.compile(r"(^|[;&|]\s*)exec\s")
 NOTHING = re.compile(r"^(true|:|exit 0|exit|wait)$")
 SHORT = 1.0
@@ -54,8 +54,12 @@ def _node(subject: Subject) -> str:
     words = subject.words
     at = next((n for n, word in enumerate(words) if word.rpartition("/")[2] == "rosrun"), -1)
     named = words[at + 2 : at + 3] if at >= 0 else words[:1]
-    first = named[0] if named and (at >= 0 or INSTALLED.search(named[0])) else ""
+    first = named[0] if named and (at >= 0 or _of_a_package(named[0])) else ""
     return "" if not first or CLEAN.search(first) else f"'{first.rpartition('/')[2]}'"
+
+
+def _of_a_package(path: str) -> bool:
+    return "/lib/" in path and INSTALLED.search(path) is not None
 
 
 def _shells(robot: Robot) -> Iterator[Finding]:
