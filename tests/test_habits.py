@@ -55,7 +55,7 @@ def test_a_table_without_heads(rorg):
 def test_namespaces_are_not_there_and_harm_nothing(rorg):
     done = rorg("get", "-A")
     assert "base" in done.stdout
-    assert done.stderr == "-A changes nothing: rorg has no namespaces\n"
+    assert done.stderr.startswith("-A changes nothing: rorg has no namespaces\n")
 
 
 def test_stats_and_pull_are_known(rorg):
@@ -126,8 +126,8 @@ def test_apply_says_that_it_does_not_wait_for_the_bake_or_does(rorg, robot):
 def test_what_it_said_before_the_current_run(dockerd, tmp_path):
     robot = RealRobot(tmp_path, "docker", dockerd.host, with_server=True)
     try:
-        says = "read a b </proc/uptime; echo run $a; exec sleep 1000"
-        robot.declare({"base": {"always_on": True, "command": ["sh", "-c", says]}})
+        says = "import time; print('run', time.time(), flush=True); time.sleep(1000)"
+        robot.declare({"base": {"always_on": True, "command": ["python3", "-S", "-c", says]}})
         robot.wait(lambda: robot.active() == {"base"})
 
         def logs(*words: str) -> list[str]:
