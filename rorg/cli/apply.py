@@ -134,6 +134,8 @@ def _through(context: Context, owner: dict[str, Any], shown: Differences, wait: 
         if left:
             return f"the removal of {', '.join(left)} has not begun"
         unfinished = _unfinished(view, bool(wait)) or (_on_trust(view, shown.probed) if wait else "")
+        if wait == PROVEN and not unfinished and (failed := _failed(view)):
+            raise NotReady("wait for the running rorg", failed, "`rorg history`")
         return unfinished or (_unproven(view) if wait == PROVEN else "")
 
     context.wait("the running rorg", done, timeout)
@@ -168,11 +170,15 @@ def _on_trust(view: dict[str, Any], probed: list[str]) -> str:
 
 
 def _unproven(view: dict[str, Any]) -> str:
-    """Why the manifests in force are not known to stay well; empty if they are. Raises NotReady if they failed."""
+    """Why the manifests in force are not known to stay well; empty if they are, or have failed."""
     standing = (view.get("tree") or {}).get("standing") or {}
-    if standing.get("code") == "failed":
-        raise NotReady("wait for the running rorg", standing["reason"], "`rorg history`")
     return str(standing["reason"]) if standing.get("code") in ("applying", "baking") else ""
+
+
+def _failed(view: dict[str, Any]) -> str:
+    """Why the manifests in force have failed, also for a service that is idle; empty if they have not."""
+    standing = view["tree"].get("standing") or {}
+    return str(standing["reason"]) if standing.get("code") == "failed" else ""
 
 
 def _unfinished(view: dict[str, Any], wait: bool) -> str:

@@ -111,7 +111,8 @@ def _value(name: str, parameter: Parameter, called: str, text: str) -> Any:
 def _plain(parameter: Parameter, text: str) -> Any:
     """A text, a path or a number. Raises ValueError."""
     if parameter.type in (str, Path):
-        named = isinstance(parameter.declared, Argument) and parameter.declared.completes == SERVICES
+        declared = parameter.declared
+        named = isinstance(declared, Argument) and declared.completes == SERVICES and not declared.kinds
         return parameter.type(SERVICE.sub("", text) if named else text)
     try:
         value = parameter.type(text)

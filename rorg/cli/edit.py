@@ -27,7 +27,7 @@ KINDS = {"svc": "Service"}
 def command(
     context: Tree,
     manifest: Annotated[
-        str, Argument("KIND/NAME, such as group/driving; NAME alone for a service.", completes=SERVICES)
+        str, Argument("KIND/NAME, such as group/driving; NAME alone for a service.", completes=SERVICES, kinds=True)
     ],
 ) -> None:
     """Edit a manifest in $VISUAL or $EDITOR. rorg checks it with the whole tree, writes it in one step and commits

@@ -29,6 +29,7 @@ def command(
         Argument(
             "A field, such as service.idle.linger, or a service; services/NAME if a field has the same name.",
             completes=SERVICES,
+            kinds=True,
         ),
     ],
     output: Output = "table",

@@ -45,6 +45,9 @@ class Argument(NamedTuple):
     """The only words that it takes; a shell offers them."""
     rest: bool = False
     """It takes all words after `--`, unchanged."""
+    kinds: bool = False
+    """The command itself reads a kind in front of a name, such as service/navigation; elsewhere that of a service is
+    left out."""
 
 
 class Option(NamedTuple):
