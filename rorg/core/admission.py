@@ -92,12 +92,18 @@ def _contest(catalog: Catalog, requests: tuple[Request, ...], excluded: Mapping[
             continue  # its winners are still wanted
         retried = _all_out(catalog, dict(initial), [c for _, c in losses if c is not loss[1]])
         candidate = wanted(catalog, requests, retried)
+        retried_priority = effective_priorities(catalog, candidate, requests)
+        # Another contest may keep it out, its own or that of the service which needs it: that one is the reason.
+        others = _contested(catalog, candidate, retried_priority)
+        if others:
+            candidate = wanted(catalog, requests, _all_out(catalog, retried, others))
         if (
-            loss[1].loser in candidate
+            (others or loss[1].loser in candidate)
             and set(admitted) <= set(candidate)
             and not _contested(catalog, candidate, effective_priorities(catalog, candidate, requests))
         ):
             losses.remove(loss)
+            losses += [(-retried_priority[c.loser], c) for c in others]
             admitted, preempted = candidate, retried
     priority = effective_priorities(catalog, admitted, requests) if losses else priority
     asked = wanted(catalog, requests) if preempted else admitted

@@ -6,7 +6,7 @@ import os
 import threading
 from collections.abc import Callable
 from pathlib import Path
-from queue import SimpleQueue
+from queue import Queue
 from typing import Any
 
 from rorg.daemon.wakes import Wakes
@@ -25,7 +25,7 @@ class GitSource:
         self.cache, self.poll, self.wall = cache, poll, wall
         self.wakes = Wakes()
         """Those of the loop. Woken when the tree, or what is reported of it, may have changed."""
-        self.events: SimpleQueue[tuple[str, object, str, str]] = SimpleQueue()
+        self.events: Queue[tuple[str, object, str, str]] = Queue()
         """For the reporter: (key, value, kind of event, message), as Recorder.when_new() takes them."""
         self.writing = self.empty = True
         self._accepted = ""
