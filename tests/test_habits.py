@@ -126,7 +126,7 @@ def test_apply_says_that_it_does_not_wait_for_the_bake_or_does(rorg, robot):
 def test_what_it_said_before_the_current_run(dockerd, tmp_path):
     robot = RealRobot(tmp_path, "docker", dockerd.host, with_server=True)
     try:
-        says = "import time; print('run', time.time(), flush=True); time.sleep(1000)"
+        says = "import time; time.sleep(0.5); print('run', time.time(), flush=True); time.sleep(1000)"
         robot.declare({"base": {"always_on": True, "command": ["python3", "-S", "-c", says]}})
         robot.wait(lambda: robot.active() == {"base"})
 

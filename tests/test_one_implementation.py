@@ -63,6 +63,8 @@ class Twice:
         self.robot.request("roscore", id="shared")
         self.robot.wait(lambda: self.robot.active() >= {"navigation", "roscore", "arm", "mission"})
         self.robot.settle()
+        # Later it would settle between two commands that are compared.
+        self.robot.wait(lambda: self.commands("history", "-o", "json")["out"].count('"good"') == 1)
         before = self.robot.file.document
         self.before = replace(
             before,

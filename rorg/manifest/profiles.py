@@ -232,6 +232,18 @@ def _over(base: Merged, top: Merged) -> Merged:
         without_hardware=base.without_hardware or top.without_hardware,
         alone=base.alone or top.alone,
         container=merge_options(base.container, top.container),
-        layers=base.layers + top.layers,
+        layers=_outermost(base.layers + top.layers),
         partial=base.partial or top.partial,
     )
+
+
+def _outermost(layers: tuple[Layer, ...]) -> tuple[Layer, ...]:
+    """The first and the last occurrence of each layer: those between change no origin, and profiles that extend two
+    others each would double them at every step."""
+    first: dict[Origin, int] = {}
+    last: dict[Origin, int] = {}
+    for at, (origin, _) in enumerate(layers):
+        first.setdefault(origin, at)
+        last[origin] = at
+    kept = {*first.values(), *last.values()}
+    return tuple(layer for at, layer in enumerate(layers) if at in kept)

@@ -46,7 +46,7 @@ def _scripts(subject: Subject) -> Iterator[Finding]:
     if not script:
         return
     at = words.index(script)
-    if len(words) > at + (2 if " " in script else 1) and "$" not in script:
+    if " " not in script and len(words) > at + 1 and "$" not in script:
         message = f"the shell runs only '{script}', and ignores the words behind it"
         yield Finding("script-not-quoted", subject.command(), message)
     if words[at - 2].rpartition("/")[2] not in ("sh", "dash") or "alpine" in str(subject.options.get("image")):
