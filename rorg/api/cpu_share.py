@@ -16,6 +16,7 @@ from rorg.api.problems import answer
 from rorg.errors import TooMany
 
 THREADS = (
+    "/metrics",
     "/v1/manifests",
     "/v1/diff",
     "/v1/usage",
