@@ -49,15 +49,15 @@ def add_diffing(app: FastAPI, operations: Operations) -> None:
 async def _look(operations: Operations) -> None:
     """Returns when the last decision has seen the tree and the engine as they are now. Raises Unreachable, and Busy
     while the tree is being written."""
-    operations.check_engine("say what is to be done")
+    operations.check_engine("list the actions")
     try:
         await asyncio.to_thread(operations.observe)
     except RorgError as error:
-        raise Unreachable("say what is to be done", error.why, error.remedy) from error
+        raise Unreachable("list the actions", error.why, error.remedy) from error
     await reached(operations, operations.files_changed())
     await until(operations, lambda: not operations.reading_files, PATIENCE)
     if operations.tree.busy:
-        raise Busy("say what is to be done", "the manifests are being written", "again in a moment")
+        raise Busy("list the actions", "the manifests are being written", "again in a moment")
 
 
 def differences(operations: Operations, unified: bool, past: CommitTree | None = None) -> dict[str, Any]:

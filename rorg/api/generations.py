@@ -24,7 +24,7 @@ PATIENCE = 10.0
 
 
 class NotBefore:
-    """The ASGI application that holds calls back, in front of another one."""
+    """The ASGI application that holds calls back, in front of another."""
 
     def __init__(self, app: Any, operations: Operations) -> None:
         self.app, self.operations = app, operations

@@ -37,7 +37,7 @@ class Readers:
         """Raises TooMany."""
         if self.count + more > MOST_LOGS:
             raise TooMany(
-                "read logs", f"{self.count} of {MOST_LOGS} are being read already", "fewer at once, or again later", 5
+                "read logs", f"{self.count} of {MOST_LOGS} are being read already", "fewer of them, or again later", 5
             )
 
     @contextlib.contextmanager

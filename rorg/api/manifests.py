@@ -83,7 +83,7 @@ class Manifests:
             allow_manage(caller, kind, name, self.operations.catalog)
 
     def put(self, caller: Caller, kind: str, name: str, body: PutManifest) -> tuple[Path, str, int]:
-        """Writes a manifest, if the whole tree is valid with it and nobody changed it meanwhile: (its file, its digest,
+        """Writes a manifest if the whole tree is valid with it and it has not changed meanwhile: (its file, its digest,
         the generation of the change)."""
         self.allow(caller, kind, name)
         self._own(f"change the {kind} '{name}'")

@@ -1,8 +1,8 @@
 """The robot's figures in the OpenMetrics format, for Prometheus and programs like it: `GET /metrics`.
 
 The figures are those of `rorg top`, `rorg get`, the pressure and the journal at the moment of the question; rorg keeps
-no history for them. prometheus_client writes the format. It is loaded at the first question, so that a robot that
-nobody scrapes does not pay for it.
+no history for them. prometheus_client writes the format. It is loaded at the first question, so that a robot without
+Prometheus does not pay for it.
 """
 
 from __future__ import annotations

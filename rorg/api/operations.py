@@ -197,7 +197,7 @@ class Operations:
         return {"port": port, **self._process(f"find who listens at port {port}", lambda: listening(port))}
 
     def connection(self, port: int, to: int) -> dict[str, Any]:
-        """The process that has a TCP connection from a port of this machine to another one. Raises Missing as above."""
+        """The process that has a TCP connection from a port of this machine to another. Raises Missing as above."""
         return {"port": port, **self._process(f"find who called from port {port}", lambda: calling(port, to))}
 
     def _process(self, what: str, find: Callable[[], int | None]) -> dict[str, Any]:

@@ -27,8 +27,8 @@ Serve = Callable[[socket.socket, Who, str], Callable[[], None]]
 
 def make_directories(directory: Path) -> None:
     """Makes the directories of the sockets. A service's socket is open to every user, because programs in containers
-    run as any user; so other users of this machine must not reach it. A container mounts its own directory, whatever is
-    above it."""
+    run as any user; so other users of this machine must not reach it. A container mounts its own directory, regardless
+    of what is above it."""
     make_directory(directory, 0o755)
     services = directory / "services"
     make_directory(services, 0o700)

@@ -125,7 +125,7 @@ class RunView(BaseModel):
     quarantined: dict[str, str] | None = Field(
         default=None, description="Editions that did not become ready or stay well, and why."
     )
-    drawn: str | None = Field(default=None, description="Why its change is undone: another one of its set failed.")
+    drawn: str | None = Field(default=None, description="Why its change is undone: another member of its set failed.")
     proven: str | None = Field(default=None, description="The container whose trial is over.")
     baked: str | None = Field(default=None, description="The last edition that passed its bake.")
     loaded: str | None = Field(default=None, description="The run that has read `content`.")

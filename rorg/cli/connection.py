@@ -46,8 +46,8 @@ class Connection:
         return read_json(self.state.status)
 
     def live(self, settled: float = 0.0) -> dict[str, Any] | None:
-        """What the running rorg answers once everything is at rest, or after `settled` seconds. A user who may not call
-        it can still read what it publishes."""
+        """The answer of the running rorg once everything is at rest, or after `settled` seconds. A user who may not
+        call it can still read what it publishes."""
         try:
             client = self.client()
         except Unreachable as error:
@@ -74,7 +74,7 @@ class Connection:
         return status if is_status(status) else None
 
     def _published_before(self, error: Unreachable) -> dict[str, Any]:
-        """What a running rorg that does not answer published last. Raises the error if it published nothing."""
+        """The last publication of a running rorg that does not answer. Raises the error if it published nothing."""
         found = self.published()
         if found is None:
             raise error

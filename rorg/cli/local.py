@@ -74,7 +74,7 @@ def glance(place: Place, catalog: Catalog) -> Decision:
 
 
 def _look(place: Place, desired: Desired, observed: Observed, memory: Memory | None = None) -> Decision:
-    """The decision of one pass, with the memory of the last rorg unless another one is given."""
+    """The decision of one pass, with the memory of the last rorg unless another is given."""
     document = place.document()
     if memory is None:
         memory = replace(_remembered(place), kept=read_kept(place.state.path))

@@ -57,7 +57,7 @@ class Local:
     def release(self, id: str, requester: str, force: bool = True) -> None:
         current = None
         if not force:
-            with contextlib.suppress(RorgError):  # releasing must work although nobody knows what runs
+            with contextlib.suppress(RorgError):  # releasing must work although it is unknown what runs
                 current = self.current
         self._do(changes.release((requester, id), current))
 

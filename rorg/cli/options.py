@@ -68,7 +68,7 @@ class Option(NamedTuple):
     choices: tuple[str, ...] = ()
     """As of an argument, for the value."""
     bare: str = ""
-    """The value of the name alone; then another one needs a `=`, as in `--wait=proven`."""
+    """The value of the name alone; then any other needs a `=`, as in `--wait=proven`."""
 
     def read(self, text: str) -> Any:
         """The value of a text, by the parser. Raises ValueError."""

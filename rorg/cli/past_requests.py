@@ -1,5 +1,5 @@
 """What people had requested at an earlier time, and the changes that restore that. Requests with a lease are left to
-whoever renews them, and those of services to the services."""
+the programs that renew them, and those of services to the services."""
 
 from __future__ import annotations
 

@@ -188,7 +188,7 @@ def _contexts(catalog: Catalog) -> list[Path]:
 
 
 def _below(top: Path, places: Iterable[Path]) -> tuple[str, ...]:
-    """The places inside the repository, without those inside another one of them."""
+    """The places inside the repository, without those inside another of them."""
     found: list[Path] = []
     for place in sorted({Path(os.path.realpath(p)) for p in places}):
         if place.is_relative_to(top) and not any(place.is_relative_to(other) for other in found):

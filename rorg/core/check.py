@@ -23,7 +23,7 @@ def check(planned: Planned) -> list[str]:
         if actions and name in situation.memory.in_flight:
             violations.append(f"a second action for {name} while one is under way")
         if sum(not a.after for a in actions) > 1:
-            violations.append(f"two actions at once for {name}")
+            violations.append(f"two simultaneous actions for {name}")
         for action in actions:
             earlier_services = [earlier for earlier in action.after if earlier != name or not action.index]
             if any(not plans[earlier].actions or places[earlier] >= places[name] for earlier in earlier_services):
@@ -94,7 +94,7 @@ def _activation(action: Action, situation: Situation) -> list[str]:
         return [] if ok else [f"{action}, which no manifest declares"]
     if action.operation.begins:
         if name not in situation.wanted:
-            return [f"{action}, which nobody wants"]
+            return [f"{action}, which nothing wants"]
         unready = [
             n
             for n in services[name].needs

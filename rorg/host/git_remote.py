@@ -50,7 +50,7 @@ class Remote:
 
     @property
     def local(self) -> Path | None:
-        """Its path on this machine; None if it is on another one."""
+        """Its path on this machine; None if it is on another."""
         found = self.url.removeprefix("file://")
         return None if _REMOTE.match(found) else Path(found)
 

@@ -133,7 +133,7 @@ class _Build:
         began = self.clock()
         try:
             result = self._carry_out(order, self._builder())
-        except BaseException as error:  # the caller waits for a result, whatever happened
+        except BaseException as error:  # the caller waits for a result in every case
             result = self._failure(order, error)
         result = replace(result, seconds=self.clock() - began)
         try:

@@ -34,7 +34,7 @@ class Element:
 def read_launch(path: Path, text: str) -> Element | Diagnostic:
     """The outermost element, or why there is none. A document type is refused, because its entities multiply, and
     launch files do not use them. Raises TooMuch."""
-    parser = expat.ParserCreate("utf-8")  # the text is decoded already, whatever encoding it declares
+    parser = expat.ParserCreate("utf-8")  # the text is decoded already; the encoding that it declares does not matter
     top = Element("", {}, Where(str(path)))
     way, count = [top], 0
 

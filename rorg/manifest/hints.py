@@ -1,4 +1,4 @@
-"""Where rorg has the keys of Compose, Kubernetes, systemd and roslaunch: the remedy for an unknown key of a manifest.
+"""The places of the keys of Compose, Kubernetes, systemd and roslaunch: the remedy for an unknown key of a manifest.
 
 A word that rorg knows exactly comes before a name that only looks similar, and no remedy names a key that the mapping
 at its path lacks.

@@ -93,7 +93,7 @@ def _load(
     (sources, broken), diagnostics = collected(read_tree(root, edits, robot))
     if not sources and not diagnostics:
         raise Invalid(f"read manifests in {root}", "no manifests there", "a directory with services/*.yaml")
-    told = {d.where for d in diagnostics}  # what is wrong by itself is reported once
+    told = {d.where for d in diagnostics}  # a mistake of its own is reported once
     by_kind, more = collected(_by_kind(sources))
     diagnostics += [*more, *check_spelling(sources)]
     every, by_kind = by_kind, {k: {n: s for n, s in of.items() if not s.partial} for k, of in by_kind.items()}

@@ -1,4 +1,4 @@
-"""Files with several documents, separated by lines `---`: each is read by itself, and can be replaced alone."""
+"""Files with several documents, separated by lines `---`: each is read separately, and can be replaced alone."""
 
 from __future__ import annotations
 

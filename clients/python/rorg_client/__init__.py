@@ -6,7 +6,7 @@
         drive()
 
 The request is kept by a heartbeat while the block runs, through restarts of rorg too, and released at its end. When the
-program dies, rorg drops it: at once with its container, or when the lease runs out.
+program dies, rorg drops it: together with its container, or when the lease runs out.
 """
 
 from __future__ import annotations

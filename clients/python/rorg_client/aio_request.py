@@ -168,7 +168,7 @@ class AsyncRequest(Kept):
         self._given_up = True
 
     async def _give_up(self) -> None:
-        """Releases it after an error, without raising another one: then the lease ends it."""
+        """Releases it after an error, without raising another: then the lease ends it."""
         if self.ours:
             task = self._ending()
             task.add_done_callback(looked_at)

@@ -58,7 +58,7 @@ class AsyncWatcher:
                 finally:
                     connection.close()
             except (Forbidden, Invalid):
-                pause = 10 * PAUSE  # an rorg that does not report losses; another one may replace it
+                pause = 10 * PAUSE  # an rorg that does not report losses; another may replace it
             except (OSError, Error, ValueError):
                 pass
             await asyncio.sleep(pause)

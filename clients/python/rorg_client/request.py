@@ -59,7 +59,7 @@ class Kept:
         return not self._given_up and self._pid == os.getpid()
 
     def ready_now(self, found: dict[str, Readiness], known: int) -> bool:
-        """Forgets the losses `known` before the question, and returns whether another one came since for a run that was
+        """Forgets the losses `known` before the question, and returns whether another came since for a run that was
         reported ready: then it was lost between the answer and now."""
         self.runs = {name: told["incarnation"] for name, told in found.items() if told["incarnation"]}
         self.losses = [
@@ -223,7 +223,7 @@ class Request(Kept):
         self._given_up = True
 
     def give_up(self) -> None:
-        """Releases it after an error, without raising another one: then the lease ends it."""
+        """Releases it after an error, without raising another: then the lease ends it."""
         with contextlib.suppress(Error):
             self.release()
 

@@ -67,7 +67,7 @@ class Watcher:
             try:
                 cursor = self._follow(client, requester, cursor)
             except (Forbidden, Invalid):
-                over.wait(10 * PAUSE)  # an rorg that does not report losses; another one may replace it
+                over.wait(10 * PAUSE)  # an rorg that does not report losses; another may replace it
             except (OSError, Error, ValueError):
                 over.wait(PAUSE)
         client.close()

@@ -14,7 +14,7 @@ from rorg.engines.docker.errors import docker_errors
 from rorg.model.dev import LABEL_DEV, DevContainer, from_row
 
 COMING = ".new"
-"""Suffix of the name of a container that will replace another one."""
+"""Suffix of the name of a container that will replace another."""
 GRACE = 3.0
 """Seconds that a container has to end, with all shells in it."""
 

@@ -31,7 +31,7 @@ def _images(robot: Robot) -> Iterator[Finding]:
     for subject in robot.subjects:
         name = str(subject.options.get("image") or "")
         if name.endswith(":latest") and not declared(name, robot.catalog.images):
-            message = f"'{name}' is the image that was pushed last: the same manifests may run another one tomorrow"
+            message = f"'{name}' is the image that was pushed last: the same manifests may run another image tomorrow"
             yield Finding("latest-tag", subject.at("image"), message)
     for name, image in sorted(robot.catalog.images.items()):
         for base in image.bases:
