@@ -88,7 +88,7 @@ HERE = {
 }
 """All that the top of the repository holds."""
 MODULES = {module_of(path): path for path in files()}
-MOST_LINES, MOST_OF_A_FUNCTION = 350, 40
+MOST_LINES, MOST_OF_A_FUNCTION = 300, 40
 
 
 def of_rorg(path: Path) -> Iterator[Import]:

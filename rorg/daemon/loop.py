@@ -9,7 +9,6 @@ from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 from rorg.core.decide import Decision, decide
-from rorg.core.desired import Desired, teardown
 from rorg.core.dispatch import DispatchLimits, finish
 from rorg.core.inputs import Inputs
 from rorg.daemon.generations import Generations
@@ -22,20 +21,19 @@ from rorg.daemon.reporter import Reporter
 from rorg.daemon.ros_watch import RosWatch
 from rorg.daemon.running import Running
 from rorg.daemon.shared_memory import ShmPurger
+from rorg.daemon.teardown import Teardown, is_down
 from rorg.daemon.tree import Tree
 from rorg.daemon.wakes import Wakes
 from rorg.daemon.workers import Workers
+from rorg.daemon.write_ahead import WriteAhead
 from rorg.engines.observe import Observer
 from rorg.engines.protocol import Engine
 from rorg.host.clock import booted_at
 from rorg.host.devices import DeviceWatch, elsewhere
 from rorg.host.load import Sampler
 from rorg.model.devices import Device, Plugged
-from rorg.model.objects import is_object
 from rorg.model.units import parse_time
 from rorg.probes.prober import Prober
-from rorg.store.engine_record import EngineRecord, record_engine
-from rorg.store.last_good import read_kept, write_kept
 from rorg.store.requests_document import RequestsDocument
 from rorg.store.state_dir import StateDir
 
@@ -94,8 +92,9 @@ class Loop:
         count. If there is no such answer the probe is asked again."""
         found = self.recorder.historian.remembered(self.clock(), self.epoch, parse_time(self.booted_at))
         self.recorder.begin(found)
+        self.written = WriteAhead(self.state, self.engine, self.recorder)
         self.reporter = Reporter(self.recorder, self.engine, self.clock, found)
-        self.running.memory = replace(found, kept=read_kept(self.state.path))
+        self.running.memory = replace(found, kept=self.written.read())
         self.tree.masker.learn(self.running.memory.kept.catalog)
         self.dispatch = DispatchLimits()
         """Used if the Policy sets none."""
@@ -106,10 +105,7 @@ class Loop:
         """The inputs that it was made from."""
         self.decided: Callable[[], None] = lambda: None
         """Called after every pass, for those who wait for something."""
-        self._down: tuple[Desired, Desired] | None = None
-        """(what the tree asks for, what is desired instead while the robot is taken down)."""
-        self._bound = False
-        """Whether the state directory has the engine of its containers."""
+        self.teardown = Teardown()
         self._stopping = False
 
     @property
@@ -200,9 +196,9 @@ class Loop:
         document, renewals = self.leases.document(), self.leases.renewals()
         self.observer.look_for(self.tree.desired.keys)
         inputs = self._inputs(document, renewals)
-        decision = decide(self._without_all(inputs) if document.down else inputs)
+        decision = decide(self.teardown.of(inputs) if document.down else inputs)
         self.leases.settle(decision, renewals)
-        self._keep(decision)
+        self.written.write(self.running.memory.kept, decision)
         self.running.memory, self.decision, self.inputs = decision.memory, decision, inputs
         self.generations.acted = self.generations.read(upto, not self.wakes.files)
         for action in decision.begin:
@@ -258,36 +254,10 @@ class Loop:
         wanted = self.tree.desired.devices
         return self.devices.of(wanted) if self.engine.local else elsewhere(wanted)
 
-    def _without_all(self, inputs: Inputs) -> Inputs:
-        """The inputs of a robot that is taken down: nothing is requested, and everything may be removed."""
-        if self._down is None or self._down[0] is not inputs.desired:
-            self._down = inputs.desired, teardown(inputs.desired, self.running.memory.kept.catalog)
-        return replace(inputs, desired=self._down[1], requests=(), restarts={}, holds={}, removals=True, down=True)
-
     @property
     def is_down(self) -> bool:
-        """Whether the robot has been taken down and nothing of it is left. One that was down already stays down, and
-        this loop with it."""
-        document = self.leases.document()
-        if self.decision is None or not document.down or document.down_since:
-            return False
-        observed, memory = self.decision.situation.observed, self.decision.memory
-        # A network whose removal was refused stays, because others use it.
-        going = any(is_object(action.service) for action in self.decision.plan.actions)
-        return observed.complete and not (observed.containers or memory.in_flight or going)
-
-    def _keep(self, decision: Decision) -> None:
-        """Write down what is declared, and what was, before acting on another tree; and the engine, before anything is
-        made there."""
-        before, kept = self.running.memory.kept, decision.memory.kept
-        try:
-            if not self._bound and (decision.begin or decision.situation.observed.containers):
-                record_engine(self.state, EngineRecord(self.engine.name, self.engine.address))
-                self._bound = True
-            if kept.catalog is not before.catalog or kept.former != before.former:
-                write_kept(self.state.path, kept)
-        except OSError as error:
-            self.recorder.when_new("last-good", str(error), "last-good-not-written", str(error))
+        """Whether the robot has been taken down and nothing of it is left."""
+        return is_down(self.leases.document(), self.decision)
 
     def _asked_for(self) -> dict[str, float]:
         """Service -> since when an answer of its probe counts for everyone who asks."""
