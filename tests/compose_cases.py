@@ -9,8 +9,8 @@ from argparse import ArgumentParser
 from pathlib import Path
 from typing import Any
 
-from rorg.compose import Loaded, Project, load
-from rorg.compose.checks import needed
+from rorg.tools.compose import Loaded, Project, load
+from rorg.tools.compose.checks import needed
 
 sys.path.insert(0, str(Path(__file__).parent / "cases/compose"))
 from record import arguments_of, environment_of

@@ -23,13 +23,13 @@ from pathlib import Path
 
 from compose_cases import CASES, SECTIONS, _section, arguments_of, cases, differences, environment_of, load_from, ours
 
-from rorg.compose.load import load as read_project
-from rorg.importing.compose import from_compose
-from rorg.importing.manifests import Imported, write_tree
-from rorg.importing.roslaunch import from_roslaunch
-from rorg.importing.systemd import from_systemd
-from rorg.importing.systemd_unit import template_of
 from rorg.manifest.load import load
+from rorg.tools.compose.load import load as read_project
+from rorg.tools.importing.compose import from_compose
+from rorg.tools.importing.manifests import Imported, write_tree
+from rorg.tools.importing.roslaunch import from_roslaunch
+from rorg.tools.importing.systemd import from_systemd
+from rorg.tools.importing.systemd_unit import template_of
 
 CORPUS = Path(__file__).parent / "cases/corpus"
 HEAD = re.compile(r"=== ([\w-]+)(?:: (.*?))?(?: -> (refused|invalid))?")

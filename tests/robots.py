@@ -26,9 +26,9 @@ from rorg.engines.make import make_engine
 from rorg.host.load import Meter
 from rorg.manifest.load import load_or_raise
 from rorg.model.catalog import Hold, Request
-from rorg.sim.robot import SimRobot
 from rorg.store.requests_file import RequestsFile
 from rorg.store.state_dir import StateDir, read_json
+from rorg.tools.sim.robot import SimRobot
 
 WORK = [
     "python3",

@@ -17,9 +17,9 @@ from compose_cases import CASES, load_from
 from creating import Creator
 
 from rorg.core.desired import desire
-from rorg.importing.compose import from_compose
 from rorg.manifest.load import load
 from rorg.model.catalog import Catalog
+from rorg.tools.importing.compose import from_compose
 
 pytestmark = pytest.mark.docker
 RECORDED = sorted(p.parent for p in CASES.glob("*/inspect.json"))

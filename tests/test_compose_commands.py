@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rorg.compose.command_line import split
+from rorg.tools.compose.command_line import split
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from compose_cases import CASES, cases
 
-from rorg.compose import load
+from rorg.tools.compose import load
 
 INSTEAD = [
     *("5", "x", "[1]", "{a: b}", "", "!reset", "~", '"${A"', "true", "[{}]", "[[]]", "{}", "{x: }", "*a", "-1", "1.5"),

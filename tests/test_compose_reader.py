@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
-from rorg.compose import Loaded, load
+from rorg.tools.compose import Loaded, load
 
 MISTAKES = {
     "imagge: x": "unknown key 'imagge' in services.a; try 'image'",

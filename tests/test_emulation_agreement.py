@@ -8,9 +8,9 @@ from robots import write_tree
 from rorg.manifest.load import load_or_raise
 from rorg.model.trace import Trace, TraceEvent
 from rorg.model.workload import Distribution
-from rorg.sim.emulation import agreement, calibrated, replayed, simulated
-from rorg.sim.player import EmulatedRun
-from rorg.sim.results import RunResult, Sample
+from rorg.tools.sim.emulation import agreement, calibrated, replayed, simulated
+from rorg.tools.sim.player import EmulatedRun
+from rorg.tools.sim.results import RunResult, Sample
 
 
 def run(*active: str, late: float = 0.0) -> RunResult:

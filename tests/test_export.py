@@ -11,11 +11,11 @@ import yaml
 from commands import rorg
 from conftest import ROOT
 
-from rorg.compose.writer import dotenv, project
-from rorg.compose.writer_notes import SERVICE
-from rorg.compose.writer_options import OPTIONS, beside
 from rorg.manifest.container import ContainerOptions
 from rorg.model.catalog import Image, Service
+from rorg.tools.compose.writer import dotenv, project
+from rorg.tools.compose.writer_notes import SERVICE
+from rorg.tools.compose.writer_options import OPTIONS, beside
 
 CASE = ROOT / "tests/cases/export/robot"
 """A robot with every option. `compose.yaml` is what is written of it; Compose 2.26.1 takes it, and answers what stands

@@ -9,13 +9,13 @@ from typing import Any
 import pytest
 from compose_cases import CASES, load_from
 
-from rorg.compose import load as read_project
-from rorg.compose.project import Project
-from rorg.compose.writer import export
-from rorg.compose.writer_text import write
-from rorg.importing.compose import from_compose
 from rorg.manifest.load import load
 from rorg.model.catalog import Catalog, Service
+from rorg.tools.compose import load as read_project
+from rorg.tools.compose.project import Project
+from rorg.tools.compose.writer import export
+from rorg.tools.compose.writer_text import write
+from rorg.tools.importing.compose import from_compose
 
 RECORDED = sorted(path.parent for path in CASES.glob("*/inspect.json"))
 

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from rorg.errors import Invalid
 from rorg.manifest.load import load_or_raise
 from rorg.manifest.traces import read_trace
-from rorg.sim import generate
-from rorg.sim.generate import generate_day
+from rorg.tools.sim import generate
+from rorg.tools.sim.generate import generate_day
 
 CYCLE = yaml.safe_load((ROOT / "tests/cases/tour_cycle.yaml").read_text())
 FOLLOWS = {

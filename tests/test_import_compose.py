@@ -13,12 +13,12 @@ import pytest
 from compose_cases import CASES, load_from
 from conftest import ROOT
 
-from rorg.compose.load import load as read_project
-from rorg.importing import compose_keys
-from rorg.importing.compose import from_compose
-from rorg.importing.manifests import Imported
 from rorg.manifest.load import load
 from rorg.manifest.yaml_text import plain
+from rorg.tools.compose.load import load as read_project
+from rorg.tools.importing import compose_keys
+from rorg.tools.importing.compose import from_compose
+from rorg.tools.importing.manifests import Imported
 
 REFUSED = {"every_key": 5}
 """Cases of which something cannot be carried over, with how many things."""

@@ -9,10 +9,10 @@ from pathlib import Path
 import commands
 import pytest
 
-from rorg.importing.roslaunch import from_roslaunch
-from rorg.importing.systemd import from_systemd
 from rorg.manifest.load import load
 from rorg.manifest.yaml_text import plain
+from rorg.tools.importing.roslaunch import from_roslaunch
+from rorg.tools.importing.systemd import from_systemd
 
 NAV = """\
 [Unit]

@@ -5,9 +5,9 @@ from __future__ import annotations
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rorg.importing.manifests import Made
 from rorg.manifest.yaml_source import MOST_NUMBER, read_yaml
 from rorg.manifest.yaml_text import Inline, Noted, plain, yaml_text
+from rorg.tools.importing.manifests import Made
 
 ANY = st.text(st.characters(blacklist_characters="\0", blacklist_categories=["Cs"]), max_size=30)
 TEXTS = ANY | st.sampled_from(

@@ -10,12 +10,12 @@ import commands
 import pytest
 from test_import_compose import imported, spec, told, write
 
-from rorg.compose import load as read_project
-from rorg.importing.compose import from_compose
-from rorg.importing.roslaunch import from_roslaunch
-from rorg.importing.systemd import from_systemd
 from rorg.manifest.load import load
 from rorg.manifest.yaml_text import plain
+from rorg.tools.compose import load as read_project
+from rorg.tools.importing.compose import from_compose
+from rorg.tools.importing.roslaunch import from_roslaunch
+from rorg.tools.importing.systemd import from_systemd
 
 HEAD = "name: bot\nservices:\n  nav:\n    image: lab/nav\n    network_mode: host\n    "
 

@@ -32,13 +32,15 @@ def reached(module: str) -> set[str]:
 def test_both_reach_the_same_planner():
     planner = reached("rorg.core.decide")
     assert len(planner) > 20, "is anything found?"
-    for user in ("rorg.sim.simulate", "rorg.sim.emulate", "rorg.daemon.loop"):
+    for user in ("rorg.tools.sim.simulate", "rorg.tools.sim.emulate", "rorg.daemon.loop"):
         if user in map(module_of, files()):
             assert planner <= reached(user), user
 
 
 def test_they_call_the_same_objects():
-    sim, loop, tree = (importlib.import_module(f"rorg.{name}") for name in ("sim.robot", "daemon.loop", "daemon.tree"))
+    sim, loop, tree = (
+        importlib.import_module(f"rorg.{name}") for name in ("tools.sim.robot", "daemon.loop", "daemon.tree")
+    )
     assert sim.decide is importlib.import_module("rorg.core.decide").decide
     for name in DECIDING:
         assert getattr(sim, name) is getattr(tree if name == "desire" else loop, name), name
@@ -64,7 +66,7 @@ def test_nobody_below_asks_whether_it_is_simulated(room):
     for path in files(f"rorg/{room}"):
         assert not {t for t in texts(path) if t == "sim" or "simulat" in t.lower()}, path
         assert not {n for n in names(path) if "simul" in n.lower() or n.lower().startswith("sim")}, path
-        assert not {i.module for i in read_imports(path) if i.module.startswith("rorg.sim")}, path
+        assert not {i.module for i in read_imports(path) if i.module.startswith("rorg.tools.sim")}, path
 
 
 def test_no_branch_is_on_the_name_of_the_sim_engine():

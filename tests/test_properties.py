@@ -39,7 +39,7 @@ from rorg.model.graph import closure, conflicting, overbooked
 from rorg.model.joining import ends_with
 from rorg.model.learned import Departure, Learned
 from rorg.model.units import stamp
-from rorg.sim.robot import OFTEN, SimRobot
+from rorg.tools.sim.robot import OFTEN, SimRobot
 
 ROBOTS = Path(__file__).parent / "cases/robots"
 """Found by the properties, and made as small as they go."""

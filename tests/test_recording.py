@@ -20,7 +20,7 @@ from rorg.manifest.traces import read_trace
 from rorg.model.catalog import Request
 from rorg.model.trace import TraceEvent
 from rorg.model.workload import Workload
-from rorg.sim.simulate import simulate
+from rorg.tools.sim.simulate import simulate
 
 BEGIN = datetime(2026, 1, 31, 10, tzinfo=UTC)
 

@@ -20,8 +20,8 @@ from rorg.engines.docker.engine import DockerEngine
 from rorg.engines.make import make_engine
 from rorg.model.catalog import Probe
 from rorg.probes.ask import asks_this_machine
-from rorg.sim.engine import SimEngine
 from rorg.store.state_dir import StateDir
+from rorg.tools.sim.engine import SimEngine
 
 ELSEWHERE = "cannot ask: the engine is on another machine"
 

@@ -11,10 +11,10 @@ from test_giving_way import later
 from rorg.core.memory import Memory
 from rorg.core.operations import Stop
 from rorg.model.units import stamp
-from rorg.sim.calls import UNSUPPORTED
-from rorg.sim.engine import iso
 from rorg.store.requests_document import RequestsDocument
 from rorg.store.requests_parser import parse, render
+from rorg.tools.sim.calls import UNSUPPORTED
+from rorg.tools.sim.engine import iso
 
 RESTART = {"needs": [{"service": "tf", "restart": True}]}
 

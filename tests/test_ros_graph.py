@@ -8,7 +8,7 @@ from rorg.core.conditions import CAUTIONS
 from rorg.core.ros_graph import RosGraph, Takeover, connections, takeovers
 from rorg.core.status import statuses
 from rorg.model.catalog import EMPTY, Catalog, Idle, Request, Service
-from rorg.sim.robot import SimRobot
+from rorg.tools.sim.robot import SimRobot
 
 GRAPH = RosGraph(
     nodes={"/laser": "laser", "/slam": "slam", "/viewer": "", "/rosout": "roscore", "/slam_tf": "slam"},

@@ -12,7 +12,7 @@ from rorg.errors import Invalid
 from rorg.manifest.load import load
 from rorg.manifest.yaml_documents import document_texts, read_documents, with_document
 from rorg.manifest.yaml_source import MAX_NODES
-from rorg.sim.variants import Tree, _with_policy
+from rorg.tools.sim.variants import Tree, _with_policy
 
 
 def service(name: str, more: str = "", kind: str = "Service") -> str:

@@ -11,7 +11,6 @@ from conftest import free_port, wait_for
 from robots import RealRobot, VirtualRobot, write_tree
 from test_probes import SERVER, health, server, tell
 
-from rorg.compose.writer_notes import SERVICE, condition
 from rorg.core.desired import desire
 from rorg.core.memory import ProbeResult, together
 from rorg.core.schedule import Target
@@ -23,6 +22,7 @@ from rorg.model.former import Kept
 from rorg.probes.answer import YES, no
 from rorg.probes.prober import Prober
 from rorg.store.last_good import read_kept, write_kept
+from rorg.tools.compose.writer_notes import SERVICE, condition
 
 PARTS = [{"ros_node": "/planner", "interval": "2s"}, {"tcp": 9090}, {"exec": "true"}]
 NODE, PORT = Probe("ros_node", "/planner"), Probe("tcp", "127.0.0.1:9090")

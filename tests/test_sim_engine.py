@@ -13,7 +13,7 @@ from rorg.errors import EngineError
 from rorg.model.catalog import Probe
 from rorg.probes.answer import YES
 from rorg.probes.runner import ProbeRunner
-from rorg.sim.engine import SimEngine
+from rorg.tools.sim.engine import SimEngine
 
 
 @pytest.fixture

@@ -10,8 +10,8 @@ from robots import write_tree
 from rorg.manifest.load import load_or_raise
 from rorg.model.trace import Trace, TraceEvent
 from rorg.model.workload import Behaviour, Distribution, Workload
-from rorg.sim.calls import LATENCY
-from rorg.sim.simulate import all_on_services, simulate
+from rorg.tools.sim.calls import LATENCY
+from rorg.tools.sim.simulate import all_on_services, simulate
 
 MIB = 1 << 20
 CAMERA = {"resources": {"cpu": 0.5, "memory": "100Mi"}, "idle": {"action": "pause"}}

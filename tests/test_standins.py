@@ -9,7 +9,7 @@ from robots import write_tree
 
 from rorg.manifest.load import load_or_raise
 from rorg.model.catalog import Catalog, Probe
-from rorg.sim.emulate import Share, share_of, stand_ins
+from rorg.tools.sim.emulate import Share, share_of, stand_ins
 
 SERVICES = {
     "base": {"always_on": True, "resources": {"cpu": 1, "memory": "1Gi"}, "ready": {"tcp": 7001, "timeout": "9s"}},

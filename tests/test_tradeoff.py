@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from rorg.model.catalog import Catalog
-from rorg.sim.plots import draw_sweep
-from rorg.sim.results import Response, RunResult, Sample, Violation
-from rorg.sim.variants import Variant, tried
+from rorg.tools.sim.plots import draw_sweep
+from rorg.tools.sim.results import Response, RunResult, Sample, Violation
+from rorg.tools.sim.variants import Variant, tried
 
 GIB = 1 << 30
 

@@ -9,8 +9,8 @@ from rorg.errors import Invalid
 from rorg.manifest.load import load_or_raise
 from rorg.model.trace import Trace, TraceEvent
 from rorg.model.workload import Workload
-from rorg.sim.simulate import simulate
-from rorg.sim.variants import Tree, sweep, variant
+from rorg.tools.sim.simulate import simulate
+from rorg.tools.sim.variants import Tree, sweep, variant
 
 SERVICES = {
     "base": {"always_on": True, "idle": {"action": "stop", "linger": "3s"}},

@@ -9,8 +9,8 @@ from pathlib import Path
 from statistics import mean
 
 from rorg.manifest.traces import read_trace
-from rorg.sim.plots import draw
-from rorg.sim.results import RunResult, Sample
+from rorg.tools.sim.plots import draw
+from rorg.tools.sim.results import RunResult, Sample
 
 HERE = Path(__file__).parent
 FILE = HERE / "emulation.json"

@@ -22,9 +22,9 @@ from rorg.manifest.workloads import read_workload
 from rorg.model.catalog import Catalog
 from rorg.model.trace import Trace
 from rorg.model.workload import Behaviour, Distribution, Workload
-from rorg.sim.plots import draw
-from rorg.sim.results import RunResult
-from rorg.sim.simulate import simulate
+from rorg.tools.sim.plots import draw
+from rorg.tools.sim.results import RunResult
+from rorg.tools.sim.simulate import simulate
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]

@@ -19,10 +19,10 @@ from rorg.manifest.workloads import read_workload
 from rorg.model.catalog import Catalog
 from rorg.model.trace import Trace
 from rorg.model.workload import Workload
-from rorg.sim.generate import generate_day
-from rorg.sim.results import RunResult
-from rorg.sim.simulate import simulate
-from rorg.sim.variants import Tree, sweep
+from rorg.tools.sim.generate import generate_day
+from rorg.tools.sim.results import RunResult
+from rorg.tools.sim.simulate import simulate
+from rorg.tools.sim.variants import Tree, sweep
 
 HERE = Path(__file__).parent
 MANIFESTS, FIGURES, PAGE = HERE.parents[1] / "manifests", HERE / "prewarm.json", HERE / "prewarm.md"

@@ -40,9 +40,10 @@ def module_of(path: Path) -> str:
 
 
 def room_of(module: str) -> str:
-    """The folder of rorg/ that contains a module; "" for modules beside the rooms."""
-    parts = module.split(".")
-    return parts[1] if len(parts) > 1 and (ROOT / parts[0] / parts[1]).is_dir() else ""
+    """The room of a module, a folder of rorg/ or of rorg/tools/; "" for modules beside the rooms."""
+    parts = module.split(".")[1:]
+    room = "/".join(parts[:2] if parts[:1] == ["tools"] else parts[:1])
+    return room if room != "tools" and room and (ROOT / "rorg" / room).is_dir() else ""
 
 
 def read_imports(path: Path) -> list[Import]:
@@ -98,8 +99,14 @@ def reduced(graph: Mapping[str, set[str]]) -> dict[str, set[str]]:
 
 def drawing() -> str:
     """The block of architecture.md."""
-    lines = [f"  {room} --> {near}" for room, below in sorted(reduced(arrows()).items()) for near in sorted(below)]
-    return "\n".join([BEGIN, "", "```mermaid", "graph TD", *lines, "```", "", END])
+    rooms = reduced(arrows())
+    lines = [f"  {_node(room)} --> {_node(near)}" for room, below in sorted(rooms.items()) for near in sorted(below)]
+    tools = [f"    {_node(room)}" for room in sorted(rooms) if _node(room) != room]
+    return "\n".join([BEGIN, "", "```mermaid", "graph TD", "  subgraph tools", *tools, "  end", *lines, "```", "", END])
+
+
+def _node(room: str) -> str:
+    return room.removeprefix("tools/")
 
 
 def main() -> None:

@@ -16,9 +16,9 @@ from rorg.model.units import format_memory
 if TYPE_CHECKING:
     from rorg.model.catalog import Catalog
     from rorg.model.trace import Trace
-    from rorg.sim.emulate import Experiment, Share
-    from rorg.sim.emulation import Compared, Emulation
-    from rorg.sim.player import EmulatedRun
+    from rorg.tools.sim.emulate import Experiment, Share
+    from rorg.tools.sim.emulation import Compared, Emulation
+    from rorg.tools.sim.player import EmulatedRun
 
 COLUMNS = (
     "run",
@@ -90,7 +90,7 @@ def _experiment(
     from rorg.cli.demo.robot import TRITONBOT
     from rorg.manifest.load import load_or_raise
     from rorg.manifest.traces import read_trace
-    from rorg.sim.emulate import PROGRAM, Experiment
+    from rorg.tools.sim.emulate import PROGRAM, Experiment
 
     context = Context(None, engine, directory, local=True, own=True)
     catalog = context.catalog()
@@ -112,8 +112,8 @@ def _experiment(
 
 def _share(catalog: Catalog, trace: Trace, scale: float | None) -> Share:
     from rorg.host.load import machine
-    from rorg.sim.emulate import Share, share_of
-    from rorg.sim.simulate import all_on_services
+    from rorg.tools.sim.emulate import Share, share_of
+    from rorg.tools.sim.simulate import all_on_services
 
     if scale is not None:
         return Share(scale, scale)
@@ -126,9 +126,9 @@ def _measured(experiment: Experiment, compress: float, pairs: int, save: Path | 
     from contextlib import closing
 
     from rorg.host.load import machine
-    from rorg.sim.emulate import emulate
-    from rorg.sim.emulation import Emulation
-    from rorg.sim.emulation import as_json as plain
+    from rorg.tools.sim.emulate import emulate
+    from rorg.tools.sim.emulation import Emulation
+    from rorg.tools.sim.emulation import as_json as plain
 
     now = machine()
     found = Emulation(
@@ -149,8 +149,8 @@ def _measured(experiment: Experiment, compress: float, pairs: int, save: Path | 
 
 
 def _compared(experiment: Experiment, run: EmulatedRun) -> Compared:
-    from rorg.sim.emulate import ALL_ON
-    from rorg.sim.emulation import Compared, agreement, calibrated, replayed, simulated
+    from rorg.tools.sim.emulate import ALL_ON
+    from rorg.tools.sim.emulation import Compared, agreement, calibrated, replayed, simulated
 
     catalog, all_on = experiment.stand_ins(), run.result.name == ALL_ON
     drawn, same = (
@@ -164,13 +164,13 @@ def _check_files(save: Path | None, plot: Path | None) -> None:
     if save:
         _save(save, "", "a")
     if plot:
-        from rorg.sim.plots import check_drawing
+        from rorg.tools.sim.plots import check_drawing
 
         check_drawing(plot)
 
 
 def _draw(emulation: Emulation, experiment: Experiment, path: Path) -> None:
-    from rorg.sim.plots import draw
+    from rorg.tools.sim.plots import draw
 
     results = [one.run.result for one in emulation.runs[:2]]
     said = (
@@ -212,7 +212,7 @@ def _rows(emulation: Emulation) -> list[dict[str, str]]:
 
 
 def _print(emulation: Emulation, output: str) -> None:
-    from rorg.sim.emulation import as_json
+    from rorg.tools.sim.emulation import as_json
 
     rows, lines = _rows(emulation), list[str]()
     for what, of in (("CPU", "cpu"), ("memory", "memory")):

@@ -11,7 +11,7 @@ from rorg.errors import Refused
 from rorg.model.units import counted
 
 if TYPE_CHECKING:
-    from rorg.compose.writer_text import Exported
+    from rorg.tools.compose.writer_text import Exported
 
 FORMATS = ("compose",)
 FORMS = ("yaml", "json")
@@ -40,7 +40,7 @@ def command(
 
     Example: rorg export compose --output compose.yaml
     """
-    from rorg.compose.writer import export
+    from rorg.tools.compose.writer import export
 
     catalog = context.catalog()
     root = context.root.resolve()
@@ -54,7 +54,7 @@ def command(
 
 def _write(exported: Exported, output: Path, force: bool) -> None:
     """Writes the file and the files that it names; those with secrets only for their owner."""
-    from rorg.compose.writer_text import write
+    from rorg.tools.compose.writer_text import write
 
     texts = {output: write(exported), **{output.parent / name: text for name, text in exported.files.items()}}
     there = [str(path) for path in texts if path.exists()]
@@ -69,7 +69,7 @@ def _write(exported: Exported, output: Path, force: bool) -> None:
 
 
 def _tell(exported: Exported, output: Path | None, form: str) -> None:
-    from rorg.compose.writer_text import escaped, write
+    from rorg.tools.compose.writer_text import escaped, write
 
     if form == "json":
         found: dict[str, Any] = {

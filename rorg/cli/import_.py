@@ -15,7 +15,7 @@ from rorg.errors import Invalid, Refused
 from rorg.model.units import counted
 
 if TYPE_CHECKING:
-    from rorg.importing.manifests import Imported
+    from rorg.tools.importing.manifests import Imported
 
 SOURCES = ("compose", "systemd", "roslaunch")
 
@@ -77,10 +77,10 @@ def command(
 def _compose(
     paths: list[Path], env_files: list[str], profiles: list[str], name: str, output: Path, named: list[Path], skip: bool
 ) -> Imported:
-    from rorg.compose.load import load
-    from rorg.importing.compose import from_compose
-    from rorg.importing.manifests import Imported
     from rorg.manifest.files import Reader
+    from rorg.tools.compose.load import load
+    from rorg.tools.importing.compose import from_compose
+    from rorg.tools.importing.manifests import Imported
 
     for path in paths:
         if not path.exists():
@@ -129,9 +129,9 @@ def _project_folder(path: Path) -> Path:
 
 
 def _systemd(paths: list[Path], image: str, output: Path, skip: bool) -> Imported:
-    from rorg.importing.systemd import from_systemd
-    from rorg.importing.systemd_unit import template_of
     from rorg.manifest.files import Reader
+    from rorg.tools.importing.systemd import from_systemd
+    from rorg.tools.importing.systemd_unit import template_of
 
     texts = {}
     for path in paths:
@@ -142,8 +142,8 @@ def _systemd(paths: list[Path], image: str, output: Path, skip: bool) -> Importe
 
 
 def _roslaunch(path: Path, words: list[str], image: str, output: Path, named: list[Path]) -> Imported:
-    from rorg.importing.roslaunch import from_roslaunch
     from rorg.manifest.files import Reader
+    from rorg.tools.importing.roslaunch import from_roslaunch
 
     wrong = next((word for word in words if ":=" not in word), None)
     if wrong is not None:
@@ -172,7 +172,7 @@ def _notes(imported: Imported, form: str) -> None:
 
 def _write(imported: Imported, output: Path, force: bool) -> None:
     """Writes all files, or none if one of them exists."""
-    from rorg.importing.manifests import existing_files, write_tree
+    from rorg.tools.importing.manifests import existing_files, write_tree
 
     there = [str(path) for path in existing_files(imported, output)]
     if there and not force:

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from rorg.model.learned import Learned
     from rorg.model.trace import Trace
     from rorg.model.workload import Workload
-    from rorg.sim.results import RunResult
-    from rorg.sim.variants import Tree, Tried, Variant
+    from rorg.tools.sim.results import RunResult
+    from rorg.tools.sim.variants import Tree, Tried, Variant
 
 
 def command(
@@ -74,8 +74,8 @@ def command(
     from rorg.manifest.traces import read_trace
     from rorg.manifest.workloads import read_workload
     from rorg.model.workload import Workload
-    from rorg.sim.report import COLUMNS, WIDE, as_json, rows
-    from rorg.sim.simulate import simulate
+    from rorg.tools.sim.report import COLUMNS, WIDE, as_json, rows
+    from rorg.tools.sim.simulate import simulate
 
     context = Context(None, None, directory, local=True)
     catalog = context.catalog()
@@ -83,7 +83,7 @@ def command(
     programs = read_workload(workload) if workload else Workload("manifests")
     learned = _learned(learn)
     if compare or sweep:
-        from rorg.sim.variants import Tree
+        from rorg.tools.sim.variants import Tree
 
         tree = Tree(context.root, catalog, context.engine_name, context.robot)
         try_out(Trial(tree, asked, programs, seed, learned), compare, sweep, output, csv, plot)
@@ -95,7 +95,7 @@ def command(
     if csv:
         _write(results, asked, csv)
     if plot:
-        from rorg.sim.plots import draw
+        from rorg.tools.sim.plots import draw
 
         draw(results, asked, plot, f"simulated, seed {seed}; synthetic weights: {programs.name}")
     full = {"trace": asked.name, "workload": programs.name, "seed": seed, "runs": as_json(results)}
@@ -114,7 +114,7 @@ def _write(results: Sequence[RunResult], trace: Trace, path: Path) -> None:
     """Writes the time series."""
     import csv
 
-    from rorg.sim.report import SERIES, series
+    from rorg.tools.sim.report import SERIES, series
 
     with disk_errors(f"write {path}", "another file by --csv"), path.open("w", newline="") as file:
         writer = csv.writer(file)
@@ -141,20 +141,20 @@ class Trial:
 
     def compare(self, texts: Sequence[str]) -> list[Tried]:
         """Everything on, the tree as declared, and these variants. Raises Invalid."""
-        from rorg.sim.variants import Variant, variant
+        from rorg.tools.sim.variants import Variant, variant
 
         given = [variant(text, self.tree) for text in texts]
         return self._tried([Variant(name, self.tree.catalog) for name in (ALL_ON, DECLARED)] + given)
 
     def sweep(self, texts: Sequence[str]) -> list[Tried]:
         """The tree as declared, and all combinations. Raises Invalid."""
-        from rorg.sim.variants import Variant, sweep
+        from rorg.tools.sim.variants import Variant, sweep
 
         return self._tried([Variant(DECLARED, self.tree.catalog), *sweep(texts, self.tree)])
 
     def _tried(self, variants: Sequence[Variant]) -> list[Tried]:
-        from rorg.sim.simulate import simulate
-        from rorg.sim.variants import tried
+        from rorg.tools.sim.simulate import simulate
+        from rorg.tools.sim.variants import tried
 
         for one in variants:
             self._check(one)
@@ -198,7 +198,7 @@ def try_out(
 
 def draw(trial: Trial, found: Sequence[Tried], file: Path) -> None:
     """Draws the plot. Raises Invalid."""
-    from rorg.sim.plots import draw_sweep, save
+    from rorg.tools.sim.plots import draw_sweep, save
 
     note = f"Simulated, seed {trial.seed}; synthetic weights: {trial.workload.name}."
     save(lambda: draw_sweep(found, trial.trace.name, note), file)

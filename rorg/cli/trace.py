@@ -74,7 +74,7 @@ def _name(file: Path | None, otherwise: str) -> str:
 
 
 def _generated(length: float, greetings: int | None, tours: int | None, seed: int, name: str) -> Trace:
-    from rorg.sim.generate import generate_day
+    from rorg.tools.sim.generate import generate_day
 
     hours = length / 3600
     met = round(GREETINGS * hours) if greetings is None else greetings
@@ -111,7 +111,7 @@ def _write(trace: Trace, file: Path | None) -> None:
 
 def _show(file: Path, output: str) -> None:
     from rorg.manifest.traces import read_trace
-    from rorg.sim.report import activities
+    from rorg.tools.sim.report import activities
 
     trace = read_trace(file)
     found = activities(trace)

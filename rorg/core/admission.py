@@ -72,21 +72,8 @@ def _contest(catalog: Catalog, requests: tuple[Request, ...], excluded: Mapping[
     preempted: dict[str, str] = {}
     for name, why in excluded.items():
         _give_way(catalog, preempted, name, why)
-    initial, losses = dict(preempted), []
-    while True:
-        admitted = wanted(catalog, requests, preempted)
-        priority = effective_priorities(catalog, admitted, requests)
-        contests = _contested(catalog, admitted, priority)
-        if not contests:
-            break
-        without = wanted(catalog, requests, _all_out(catalog, dict(preempted), contests))
-        self_defeating = next(((c, w) for c in contests for w in c.winners if w not in without), None)
-        if self_defeating:
-            # Nobody is preempted by what it requests itself: its request would vanish, the winner would no longer be
-            # wanted, and the two would alternate for ever.
-            contests = [_turned_round(catalog, requests, preempted, *self_defeating)]
-        losses += [(-priority[c.loser], c) for c in contests]
-        _all_out(catalog, preempted, contests)
+    initial = dict(preempted)
+    admitted, priority, losses = _losers_go_out(catalog, requests, preempted)
     for loss in sorted(losses, key=lambda p: (p[0], p[1].loser)):
         if all(w in admitted for w in loss[1].winners):
             continue  # its winners are still wanted
@@ -108,6 +95,28 @@ def _contest(catalog: Catalog, requests: tuple[Request, ...], excluded: Mapping[
     priority = effective_priorities(catalog, admitted, requests) if losses else priority
     asked = wanted(catalog, requests) if preempted else admitted
     return Admission(admitted, {n: why for n, why in preempted.items() if n in asked}, priority, requests)
+
+
+def _losers_go_out(
+    catalog: Catalog, requests: tuple[Request, ...], preempted: dict[str, str]
+) -> tuple[Wanted, Mapping[str, int], list[tuple[int, Contest]]]:
+    """Settle one contest after another, and add the losers to `preempted`. Return (who is left, their effective
+    priorities, each loss with the loser's negated priority)."""
+    losses: list[tuple[int, Contest]] = []
+    while True:
+        admitted = wanted(catalog, requests, preempted)
+        priority = effective_priorities(catalog, admitted, requests)
+        contests = _contested(catalog, admitted, priority)
+        if not contests:
+            return admitted, priority, losses
+        without = wanted(catalog, requests, _all_out(catalog, dict(preempted), contests))
+        self_defeating = next(((c, w) for c in contests for w in c.winners if w not in without), None)
+        if self_defeating:
+            # Nobody is preempted by what it requests itself: its request would vanish, the winner would no longer be
+            # wanted, and the two would alternate for ever.
+            contests = [_turned_round(catalog, requests, preempted, *self_defeating)]
+        losses += [(-priority[c.loser], c) for c in contests]
+        _all_out(catalog, preempted, contests)
 
 
 def _give_way(catalog: Catalog, preempted: dict[str, str], name: str, why: str) -> dict[str, str]:

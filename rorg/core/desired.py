@@ -3,7 +3,7 @@ otherwise be computed again in every pass."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from graphlib import TopologicalSorter
 from typing import Any
@@ -82,21 +82,13 @@ def desire(
         users=users,
         keys=frozenset(one.key for one in objects.values()),
         digests={name: digest(s.spec) for name, s in services.items() if s.spec is not None},
-        editions={
-            name: digest({"spec": s.spec, **_probes(s), "content": contents.get(name)})
-            for name, s in services.items()
-            if s.spec is not None
-        },
+        editions={name: _edition(s, contents.get(name)) for name, s in services.items() if s.spec is not None},
         declared={name: declared_now(s.spec, s.secrets) for name, s in services.items() if s.spec is not None},
         order=tuple(TopologicalSorter(graph).static_order()),
         dependants=nobody | _grouped((need, name) for name, needs in graph.items() for need in needs),
         conflicts=conflicts,
         sharers=sharers,
-        rivals={
-            name: frozenset(conflicts[name]).union(*(sharers[r] for r in s.exclusive))
-            for name, s in services.items()
-            if s.exclusive or conflicts[name]
-        },
+        rivals=_rivals(services, conflicts, sharers),
         # A single service has nothing to change together with.
         sets={name: members for name, members in sets.items() if len(members) > 1},
         interlocks={name: s.interlock for name, s in services.items() if s.interlock},
@@ -105,6 +97,23 @@ def desire(
         contents=contents,
         ros={name: digest(asdict(s.ros)) for name, s in services.items() if s.ros},
     )
+
+
+def _edition(service: Service, content: Mapping[str, str] | None) -> str:
+    """Return the digest of everything that the trial of a service's next container depends on."""
+    return digest({"spec": service.spec, **_probes(service), "content": content})
+
+
+def _rivals(
+    services: Mapping[str, Service], conflicts: Mapping[str, Sequence[str]], sharers: Mapping[str, Sequence[str]]
+) -> dict[str, frozenset[str]]:
+    """Return, for each service that has any, the services that cannot always run beside it. Sharers of a resource
+    include the service itself."""
+    return {
+        name: frozenset(conflicts[name]).union(*(sharers[r] for r in s.exclusive))
+        for name, s in services.items()
+        if s.exclusive or conflicts[name]
+    }
 
 
 def _grouped(pairs: Iterable[tuple[str, str]]) -> dict[str, tuple[str, ...]]:

@@ -77,6 +77,7 @@ def labels(
     spec: Spec,
     made_from: str,
     rules: Rules,
+    *,
     previous: str = "",
     secrets: Collection[str] = (),
     joined: Mapping[str, str] | None = None,

@@ -208,9 +208,16 @@ class _Reconciled:
         """Return the step that creates a container. `old` is kept in case the new one does not come up."""
         declared, made_from = self.service.spec or {}, self.desired.digests[self.name]
         spec, joined = with_ids(self.view, self.service)
-        previous, secrets = old.id if old else "", self.service.secrets
         marks = labels(
-            self.s.owner, self.name, declared, made_from, self.rules(), previous, secrets, joined, self.nodes
+            self.s.owner,
+            self.name,
+            declared,
+            made_from,
+            self.rules(),
+            previous=old.id if old else "",
+            secrets=self.service.secrets,
+            joined=joined,
+            devices=self.nodes,
         )
         before = old or next((c for c, _ in stale), None)
         made = Create(

@@ -18,7 +18,7 @@ from robots import WORK, RealRobot, write_tree
 from rorg.core.decide import decide
 from rorg.core.desired import desire
 from rorg.manifest.load import load_or_raise
-from rorg.sim.robot import SimRobot
+from rorg.tools.sim.robot import SimRobot
 
 
 def timed(call, times: int) -> list[float]:

@@ -13,7 +13,7 @@ from robots import Daemon, RealRobot, write_tree
 
 from rorg.core.decide import decide
 from rorg.manifest.load import load_or_raise
-from rorg.sim.robot import SimRobot
+from rorg.tools.sim.robot import SimRobot
 
 
 def chains(count: int) -> dict[str, dict]:

@@ -14,8 +14,8 @@ from conftest import ROOT
 from rorg.manifest.load import load_or_raise
 from rorg.model.catalog import Catalog
 from rorg.model.workload import Workload
-from rorg.sim.generate import generate_day
-from rorg.sim.simulate import simulate
+from rorg.tools.sim.generate import generate_day
+from rorg.tools.sim.simulate import simulate
 
 
 def test_the_day_of_41_services_as_a_command():

@@ -11,19 +11,19 @@ from fuzzing import Case, fuzz
 from project_mutations import mutated_project
 from robots import write_tree
 
-from rorg.compose.load import load as load_project
 from rorg.errors import RorgError
 from rorg.images.context import context_files
 from rorg.images.docker import dockerfile_of
 from rorg.images.order import Order
-from rorg.importing.compose import from_compose
-from rorg.importing.manifests import Imported
-from rorg.importing.manifests import write_tree as write_imported
-from rorg.importing.roslaunch import from_roslaunch
-from rorg.importing.systemd import from_systemd
 from rorg.manifest.documents import UNEXPECTED
 from rorg.manifest.files import Reader
 from rorg.manifest.load import load
+from rorg.tools.compose.load import load as load_project
+from rorg.tools.importing.compose import from_compose
+from rorg.tools.importing.manifests import Imported
+from rorg.tools.importing.manifests import write_tree as write_imported
+from rorg.tools.importing.roslaunch import from_roslaunch
+from rorg.tools.importing.systemd import from_systemd
 
 LAUNCH = """\
 <?xml version="1.0"?>

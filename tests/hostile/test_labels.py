@@ -15,7 +15,7 @@ from rorg.core.digest import Rules, canonical, labels, unreadable
 from rorg.core.observed import LABEL_DECLARED, LABEL_OWNER, LABEL_RULES, LABEL_SERVICE, Container, from_labels
 from rorg.manifest.load import load_or_raise
 from rorg.model.catalog import Probe
-from rorg.sim.robot import SimRobot
+from rorg.tools.sim.robot import SimRobot
 
 SERVICES = {
     "arm": {"always_on": True, "exclusive": ["gripper"], "interlock": {"file": "/run/estop"}},

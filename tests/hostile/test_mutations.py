@@ -18,9 +18,9 @@ from rorg.manifest.documents import UNEXPECTED
 from rorg.manifest.load import load
 from rorg.model.catalog import Catalog, Request
 from rorg.model.diagnostics import Where
-from rorg.sim.robot import SimRobot
 from rorg.store.requests_document import RequestsDocument
 from rorg.store.requests_parser import parse, render
+from rorg.tools.sim.robot import SimRobot
 
 RICH = """\
 apiVersion: rorg/v1

@@ -16,7 +16,7 @@ from rorg.engines.make import available_engine
 from rorg.errors import Invalid
 from rorg.manifest.load import load_or_raise
 from rorg.model.catalog import Catalog
-from rorg.sim.throwaway import ThrowawayRobot
+from rorg.tools.sim.throwaway import ThrowawayRobot
 
 TRITONBOT = Path(__file__).parent / "tritonbot"
 """Its manifests and images, also in an installed rorg."""

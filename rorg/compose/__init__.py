@@ -1,6 +1,0 @@
-"""Reads Compose files into a Project, and writes a robot as a Compose file."""
-
-from rorg.compose.load import load
-from rorg.compose.project import Loaded, Project, Variable
-
-__all__ = ["Loaded", "Project", "Variable", "load"]

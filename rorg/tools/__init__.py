@@ -1,0 +1,1 @@
+"""What helps a person at a desk: importing, Compose files, simulation. The robot needs none of it."""

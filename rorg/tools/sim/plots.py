@@ -1,0 +1,160 @@
+"""Plots runs: CPU and memory over time, with the robot's activity below, and sweeps. matplotlib is an extra of the
+installation (`rorg[plots]`), and slow to load, so only this file imports it, and only to draw."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rorg.errors import Invalid
+from rorg.model.trace import Trace
+from rorg.tools.sim.results import RunResult, Sample
+from rorg.tools.sim.variants import Tried
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+FORMATS = (".png", ".svg")
+MOST_POINTS = 480
+"""Points of a line. If there are more samples, means over equal times are drawn."""
+COLOURS = ("#8c8c8c", "#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#8c564b")
+"""Of runs; all others are compared with the first."""
+BANDS = ("#66c2a5", "#ffd92f", "#377eb8", "#e41a1c", "#fdb462", "#d9d9d9", "#984ea3", "#a6d854")
+"""Of states."""
+GIB = 1 << 30
+
+
+def check_drawing(path: Path) -> None:
+    """Raises Invalid if a picture of this name cannot be drawn here. Long commands check this first."""
+    what = f"draw {path}"
+    if path.suffix not in FORMATS:
+        raise Invalid(what, f"'{path.suffix}' is not a supported format", " or ".join(FORMATS))
+    if find_spec("matplotlib") is None:
+        raise Invalid(what, "matplotlib is not installed", "`pip install 'rorg[plots]'`")
+
+
+def draw(results: Sequence[RunResult], trace: Trace, path: Path, footnote: str) -> None:
+    """Plots CPU and memory over time. Raises Invalid as save() does."""
+    save(lambda: _figure(results, trace, footnote), path)
+
+
+def save(make: Callable[[], Figure], path: Path) -> None:
+    """Writes a figure as PNG or SVG, depending on the name. The same figure always gives the same SVG. Raises Invalid
+    if that is impossible."""
+    check_drawing(path)
+    import matplotlib as mpl
+
+    with mpl.rc_context({"svg.hashsalt": "rorg", "svg.fonttype": "none", "font.size": 9}):
+        figure = make()
+        try:
+            figure.savefig(path, dpi=150, metadata={"Date": None} if path.suffix == ".svg" else None)
+        except OSError as error:
+            raise Invalid(f"draw {path}", error.strerror or str(error), "another file") from None
+
+
+def _figure(results: Sequence[RunResult], trace: Trace, footnote: str) -> Any:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10, 6), layout="constrained")
+    cpu, memory, activity = figure.subplots(3, 1, sharex=True, height_ratios=(5, 5, 1.2))
+    scale, unit = (3600.0, "hours") if trace.duration >= 7200 else (60.0, "minutes")
+    for one, colour in zip(results, COLOURS * len(results), strict=False):
+        samples = _thinned(one.samples)
+        times = [s.at / scale for s in samples]
+        cpu.plot(times, [s.cpu for s in samples], color=colour, linewidth=1.0)
+        cpu.axhline(one.cpu, color=colour, linewidth=0.8, linestyle="--")
+        memory.plot(times, [s.memory / GIB for s in samples], color=colour, linewidth=1.0)
+        memory.axhline(one.memory / GIB, color=colour, linewidth=0.8, linestyle="--")
+        said = f"{one.name}: {one.cpu:.2f} cores, {one.memory / GIB:.2f} GiB in the mean"
+        cpu.plot([], [], color=colour, label=said)
+    cpu.set_ylabel("CPU (cores)")
+    memory.set_ylabel("memory (GiB)")
+    for axes in (cpu, memory):
+        axes.set_ylim(bottom=0)
+        axes.grid(alpha=0.3)
+    _activity(activity, trace, scale)
+    activity.set_xlabel(f"time ({unit})")
+    activity.set_xlim(0, trace.duration / scale)
+    lines, said = cpu.get_legend_handles_labels()
+    figure.legend(lines, said, loc="outside upper right", ncols=min(3, len(results)), frameon=False)
+    bands, states = activity.get_legend_handles_labels()
+    if bands:
+        figure.legend(bands, states, loc="outside lower right", ncols=8, frameon=False)
+    figure.suptitle(trace.name, x=0.01, ha="left", fontweight="bold")
+    figure.supxlabel(footnote, fontsize=7, color="#555555", x=0.01, ha="left")
+    return figure
+
+
+def _activity(axes: Axes, trace: Trace, scale: float) -> None:
+    """Draws a band for each state, with one row for each behaviour."""
+    spans = trace.states()
+    who = list(dict.fromkeys(span[2] for span in spans))
+    names = list(dict.fromkeys(span[3] for span in spans))
+    for state, colour in zip(names, BANDS * len(names), strict=False):
+        for row, behaviour in enumerate(who):
+            bars = [(a / scale, (b - a) / scale) for a, b, by, of in spans if of == state and by == behaviour]
+            axes.broken_barh(bars, (row, 0.9), facecolors=colour, label=state if row == 0 else None)
+    axes.set_yticks([row + 0.45 for row in range(len(who))], who)
+    axes.spines[["top", "right", "left"]].set_visible(False)
+
+
+def _thinned(samples: Sequence[Sample]) -> list[Sample]:
+    """At most MOST_POINTS samples, each the mean of several."""
+    every = -(-len(samples) // MOST_POINTS) or 1
+    parts = [samples[i : i + every] for i in range(0, len(samples), every)]
+    return [
+        Sample(
+            part[-1].at, sum(s.cpu for s in part) / len(part), sum(s.memory for s in part) // len(part), part[-1].active
+        )
+        for part in parts
+    ]
+
+
+AXES = (("CPU (cores, mean)", "cpu", 1.0), ("memory (GiB, mean)", "memory", 1 << 30))
+"""Label, field of a Cost, and its unit."""
+
+
+def draw_sweep(found: Sequence[Tried], title: str, note: str) -> Figure:
+    """Plots how long requests wait over the CPU and memory that this costs. Each line goes through the values of the
+    first setting, for one combination of the others. Filled points are not beaten by any other. `note`: below the
+    plot."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11, 5), layout="constrained")
+    panels: Any = figure.subplots(1, len(AXES), sharey=True)
+    for axes, (label, field, unit) in zip(panels, AXES, strict=True):
+        for name, line in _lines(found).items():
+            _draw(axes, name, line, field, unit)
+        axes.set_xlabel(label)
+        axes.grid(alpha=0.3)
+    panels[0].set_ylabel("response time (s, mean)")
+    panels[0].set_ylim(bottom=0)
+    if len(_lines(found)) > 1:
+        panels[-1].legend()
+    figure.suptitle(title)
+    figure.supxlabel(f"Filled: none of the others costs less of everything. {note}", fontsize="small")
+    return figure
+
+
+def _lines(found: Sequence[Tried]) -> Mapping[str, list[Tried]]:
+    """Points by their common settings; one that is not a combination of settings is on its own."""
+    lines = dict[str, list[Tried]]()
+    for one in found:
+        rest = [f"{key}={value}" for key, value in list(one.variant.settings.items())[1:]]
+        lines.setdefault(", ".join(rest) if one.variant.settings else one.variant.name, []).append(one)
+    return lines
+
+
+def _draw(axes: Axes, name: str, line: Sequence[Tried], field: str, unit: float) -> None:
+    points = [(getattr(one.cost, field) / unit, one.cost.waiting) for one in line]
+    (drawn,) = axes.plot([x for x, _ in points], [y for _, y in points], alpha=0.5, label=name)
+    colour = drawn.get_color()
+    for one, point in zip(line, points, strict=True):
+        fill = colour if one.efficient else "white"
+        axes.plot(*point, "o", color=colour, markerfacecolor=fill)
+        first = next(iter(one.variant.settings.items()), ("", one.variant.name))
+        axes.annotate(first[1], point, textcoords="offset points", xytext=(5, 5), fontsize="small")
