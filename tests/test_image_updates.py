@@ -197,12 +197,12 @@ def test_what_is_changed_while_it_is_built_is_no_image_of_what_it_was(dockerd, t
     supplier = Supplier(robot.engine, robot.state, "test", jobs=1)
     references, catalog = references_for("docker", robot.state.path), load_or_raise(robot.tree)
     first = references.of(catalog)
-    (result,) = [r for r in supplier.supply(catalog, first, ["hasty"], Hasty()) if r.reference != BASE_IMAGE]
+    (result,) = [r for r in supplier.supply(catalog, first, ["hasty"], listener=Hasty()) if r.reference != BASE_IMAGE]
     assert (result.outcome, result.message) == ("failed", "its files changed while it was being built")
     assert robot.engine.missing_images(first.references.values()) == set(first.references.values())
     second = references.of(catalog)
     assert second.references != first.references
-    assert all(r.good for r in supplier.supply(catalog, second, ["hasty"], Heard()))
+    assert all(r.good for r in supplier.supply(catalog, second, ["hasty"], listener=Heard()))
     supplier.make_builder().remove([*second.references.values(), "hasty"])
     robot.close()
 

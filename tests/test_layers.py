@@ -88,7 +88,7 @@ HERE = {
 }
 """All that the top of the repository holds."""
 MODULES = {module_of(path): path for path in files()}
-MOST_LINES, MOST_OF_A_FUNCTION = 300, 40
+MOST_LINES, MOST_OF_A_FUNCTION, MOST_BY_POSITION = 300, 40, 7
 
 
 def of_rorg(path: Path) -> Iterator[Import]:
@@ -185,17 +185,19 @@ def test_files_are_small():
     assert not large, "is there a second subject in them?"
 
 
-def lines_of(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
-    """Those of its statements, without the docstring."""
-    body = function.body[1:] if ast.get_docstring(function) and len(function.body) > 1 else function.body
-    return (body[-1].end_lineno or 0) - body[0].lineno + 1
+def functions() -> Iterator[tuple[str, ast.FunctionDef | ast.AsyncFunctionDef]]:
+    """Every function of rorg, with its file and name."""
+    for path in files():
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                yield f"{path.relative_to(TOP)}: {node.name}", node
 
 
 def test_functions_are_short():
-    long = {
-        f"{path.relative_to(TOP)}: {node.name}"
-        for path in files()
-        for node in ast.walk(ast.parse(path.read_text()))
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and lines_of(node) > MOST_OF_A_FUNCTION
-    }
+    long = {name for name, node in functions() if node.end_lineno - node.lineno >= MOST_OF_A_FUNCTION}
     assert not long, "do they do one thing?"
+
+
+def test_functions_take_few_parameters_by_position():
+    many = {name for name, node in functions() if len(node.args.posonlyargs + node.args.args) > MOST_BY_POSITION}
+    assert not many, "who can tell them apart where they are called?"

@@ -40,7 +40,7 @@ def images(dockerd, tmp_path_factory):
     state = StateDir(tmp_path_factory.mktemp("images")).prepare()
     heard, content = Heard(), references_for("docker", state.path).of(catalog)
     supplier = Supplier(engine, state, "test", jobs=2)
-    results = supplier.supply(catalog, content, sorted(catalog.images), heard)
+    results = supplier.supply(catalog, content, sorted(catalog.images), listener=heard)
     assert {r.outcome for r in results} <= {"built", "imported", "present"}, results
     assert len(results) == 45
 
@@ -291,7 +291,7 @@ def test_the_hierarchy_of_images_is_built_in_order_once_and_again_where_it_chang
 
     def build() -> list[str]:
         catalog = load_or_raise(copy / "manifests")
-        results = supplier.supply(catalog, references.of(catalog), sorted(catalog.images), Heard())
+        results = supplier.supply(catalog, references.of(catalog), sorted(catalog.images), listener=Heard())
         assert all(r.good for r in results), results
         return [r.reference.partition(":")[0] for r in results if r.outcome == "built"]
 

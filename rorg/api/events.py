@@ -73,6 +73,7 @@ def add_events(app: FastAPI, operations: Operations) -> None:
     async def events(
         request: Request,
         caller: Who,
+        *,
         cursor: Annotated[int | None, Query(ge=0)] = None,
         follow: bool = False,
         tail: Annotated[int, Query(ge=0, le=10_000)] = 0,

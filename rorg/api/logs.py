@@ -96,6 +96,7 @@ def add_logs(app: FastAPI, operations: Operations) -> None:
     async def logs(
         request: Request,
         name: str,
+        *,
         also: Names = None,
         follow: bool = False,
         tail: Annotated[int | None, Query(ge=0, description="Lines of each service. Default: all.")] = None,

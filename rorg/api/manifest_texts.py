@@ -74,7 +74,7 @@ def check_name(kind: str, name: str, text: str) -> None:
 
 
 def check_tree(
-    root: Path, path: Path, text: str | None, engine: str, what: str, robot: str = "", stranger: bool = False
+    root: Path, path: Path, text: str | None, *, engine: str, what: str, robot: str = "", stranger: bool = False
 ) -> tuple[Loaded, Loaded]:
     """Loads a tree for an engine and a robot, before and after a text replaces a file (None: deletes it). Raises
     Invalid for mistakes that this adds. A `stranger` gets only the place of mistakes in other files: their texts may

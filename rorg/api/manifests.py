@@ -104,24 +104,30 @@ class Manifests:
                         f"{path.relative_to(self.root)} declares something else",
                         "to rename that file after what it declares",
                     )
-            self._check(caller, kind, name, path, before, text, whole)
+            self._check(caller, kind, name, path, text, before=before, whole=whole)
             message = body.message or f"{kind} {name}: changed through the API"
             generation = self._change(caller, path, kept and kept.content, whole, message)
             return path, digest(manifests_in(path, (whole or "").encode())[kind, name].text), generation
 
     def _check(
-        self, caller: Caller, kind: str, name: str, path: Path, before: str, text: str, whole: str | None
+        self, caller: Caller, kind: str, name: str, path: Path, text: str, *, before: str, whole: str | None
     ) -> None:
         """Raises Forbidden if a service may not write this text, before reading any file that it names; and Invalid if
         the tree has mistakes with the file as a `whole`."""
         catalog, root, robot, service = self.operations.catalog, self.root, self.tree.robot, caller.kind == "service"
         if service:
-            vet(caller, name, path, text, before, catalog, root, robot)
+            vet(caller, name, path, text, before=before, catalog=catalog, root=root, robot=robot)
         old, new = check_tree(
-            root, path, whole, self.tree.engine, f"change the {kind} '{name}'", robot, stranger=service
+            root,
+            path,
+            whole,
+            engine=self.tree.engine,
+            what=f"change the {kind} '{name}'",
+            robot=robot,
+            stranger=service,
         )
         if service:
-            vet_rendered(caller, name, path, old, new, catalog, root, robot)
+            vet_rendered(caller, name, path, before=old, after=new, catalog=catalog, root=root, robot=robot)
 
     def delete(self, caller: Caller, kind: str, name: str, base: str | None, message: str) -> int:
         self.allow(caller, kind, name)
@@ -131,7 +137,8 @@ class Manifests:
             self._same(kept.text, base, f"delete the {kind} '{name}'")
             what, service = f"delete the {kind} '{name}'", caller.kind == "service"
             whole = file_with(kept, kind, name, None)
-            check_tree(self.root, kept.path, whole, self.tree.engine, what, self.tree.robot, stranger=service)
+            tree = self.tree
+            check_tree(self.root, kept.path, whole, engine=tree.engine, what=what, robot=tree.robot, stranger=service)
             message = message or f"{kind} {name}: deleted through the API"
             return self._change(caller, kept.path, kept.content, whole, message)
 

@@ -78,7 +78,7 @@ MOST_TOLD = 5
 
 
 def vet(
-    caller: Caller, name: str, path: Path, text: str, before: str, catalog: Catalog, root: Path, robot: str
+    caller: Caller, name: str, path: Path, text: str, *, before: str, catalog: Catalog, root: Path, robot: str
 ) -> None:
     """Checks the words of a manifest that a service writes at `path`, in place of the text `before`, without reading a
     file that it names. Raises Forbidden for what the service may not write, and Invalid for mistakes."""
@@ -94,7 +94,7 @@ def vet(
 
 
 def vet_rendered(
-    caller: Caller, name: str, path: Path, before: Loaded, after: Loaded, catalog: Catalog, root: Path, robot: str
+    caller: Caller, name: str, path: Path, *, before: Loaded, after: Loaded, catalog: Catalog, root: Path, robot: str
 ) -> None:
     """Compares the rights that a manifest at `path` gives to those of the service that writes it, to those that it gave
     before, and to those of the profiles that a person wrote for it. Raises Forbidden."""

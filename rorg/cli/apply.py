@@ -45,7 +45,7 @@ def command(
     if owner is not None:
         _fetch(context)
     shown = differences(context)
-    agree(context, owner, shown, "apply the plan", "Apply?", yes)
+    agree(context, owner, shown, "apply the plan", question="Apply?", yes=yes)
     bring_about(context, owner, shown, wait, timeout)
     print_rows(shown.plan["actions"], output, ("service", "verb", "reason"), full=shown.plan, text="")
 
@@ -63,6 +63,7 @@ def agree(
     owner: dict[str, Any] | None,
     shown: Differences,
     what: str,
+    *,
     question: str,
     yes: bool,
     nothing: bool = True,

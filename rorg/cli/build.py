@@ -35,6 +35,7 @@ def command(
     images: Annotated[
         list[str], Argument("Images to build, with their parents. Default: all of the tree.", completes="images")
     ] = [],  # noqa: B006
+    *,
     pull: Annotated[bool, Option("Pull external images again.")] = False,
     no_cache: Annotated[bool, Option("Do not use the engine's build cache.")] = False,
     jobs: Annotated[
@@ -64,7 +65,7 @@ def command(
         return
     called = content.names
     with shown(called) as listener:
-        results = supplier.supply(catalog, content, names, listener, pull=pull, cache=not no_cache)
+        results = supplier.supply(catalog, content, names, listener=listener, pull=pull, cache=not no_cache)
     _print_results(called, results, output)
 
 

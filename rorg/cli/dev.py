@@ -10,29 +10,32 @@ from rorg.cli.options import DIRECTORIES, SERVICES, Argument, Option, Output, Ro
 from rorg.cli.output import print_rows
 from rorg.errors import Invalid
 
+Name = Annotated[
+    str | None,
+    Argument(
+        "A service or an image; image/NAME if a service has the same name. Default: list the containers.",
+        completes=SERVICES,
+    ),
+]
+Workspace = Annotated[
+    Path | None,
+    Option("Directory to work in, at the same path inside. Default: the current one.", completes=DIRECTORIES),
+]
+Devcontainer = Annotated[bool, Option("Only write .devcontainer/devcontainer.json in the workspace, for editors.")]
+
 
 def command(
     context: RobotManifests,
-    name: Annotated[
-        str | None,
-        Argument(
-            "A service or an image; image/NAME if a service has the same name. Default: list the containers.",
-            completes=SERVICES,
-        ),
-    ] = None,
+    name: Name = None,
     command: Annotated[list[str] | None, Argument("A command, after `--`, instead of a shell.")] = None,
+    *,
     fresh: Annotated[bool, Option("Create the container again; the workspace and the home stay.")] = False,
     stop: Annotated[bool, Option("Stop and remove it; without a name, all of them.")] = False,
     called: Annotated[str, Option("Name of the container. Default: NAME-dev.", names=("--name",))] = "",
-    workspace: Annotated[
-        Path | None,
-        Option("Directory to work in, at the same path inside. Default: the current one.", completes=DIRECTORIES),
-    ] = None,
+    workspace: Workspace = None,
     x11: Annotated[bool, Option("Let programs open windows on this screen.")] = False,
     gpu: Annotated[bool, Option("Give it all GPUs.")] = False,
-    devcontainer: Annotated[
-        bool, Option("Only write .devcontainer/devcontainer.json in the workspace, for editors.")
-    ] = False,
+    devcontainer: Devcontainer = False,
     yes: Yes = False,
     output: Output = "table",
 ) -> None:
@@ -44,9 +47,8 @@ def command(
     from rorg.cli.dev_containers import Developing, Wish, rows
 
     if stop + devcontainer + bool(fresh or command) > 1:
-        raise Invalid(
-            "combine these options", "--stop and --devcontainer exclude the other actions", "one after the other"
-        )
+        why = "--stop and --devcontainer exclude the other actions"
+        raise Invalid("combine these options", why, "one after the other")
     if command and not command[0]:
         raise Invalid(f"run a command to develop {name}", "it has no name", f"`rorg dev {name} -- COMMAND`")
     if name is None and (fresh or devcontainer or (called and not stop)):

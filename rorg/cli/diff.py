@@ -13,34 +13,39 @@ from rorg.cli.output import dump, echo, note, print_rows
 from rorg.cli.terminal import printable
 from rorg.errors import Exit, Invalid
 
+Rev = Annotated[
+    str,
+    Argument(
+        "Compare with a revision as if it were in force: a number from rorg history, a commit, a tag or a"
+        " branch. A..B compares the manifests of two."
+    ),
+]
+Unified = Annotated[
+    bool,
+    Option(
+        "Show a unified diff of each container that changes; possible secrets are masked.",
+        names=("--unified", "-u"),
+    ),
+]
+Output = Annotated[
+    str,
+    Option(
+        "table: one line per service; wide: every step; name, yaml or json.",
+        names=("-o", "--output"),
+        choices=FORMS,
+    ),
+]
+
 
 def command(
     directory: Directory = None,
-    rev: Annotated[
-        str,
-        Argument(
-            "Compare with a revision as if it were in force: a number from rorg history, a commit, a tag or a"
-            " branch. A..B compares the manifests of two."
-        ),
-    ] = "",
+    rev: Rev = "",
     service: Annotated[str, Option("Only this service.", metavar="SERVICE", completes=SERVICES)] = "",
-    unified: Annotated[
-        bool,
-        Option(
-            "Show a unified diff of each container that changes; possible secrets are masked.",
-            names=("--unified", "-u"),
-        ),
-    ] = False,
+    *,
+    unified: Unified = False,
     state_dir: StateDirectory = None,
     engine: EngineName = None,
-    output: Annotated[
-        str,
-        Option(
-            "table: one line per service; wide: every step; name, yaml or json.",
-            names=("-o", "--output"),
-            choices=FORMS,
-        ),
-    ] = "table",
+    output: Output = "table",
 ) -> None:
     """Show what rorg would do, and why, without doing it. Exit 1 if there are differences.
 

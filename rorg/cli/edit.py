@@ -172,7 +172,7 @@ class Alone:
         what = f"change the {kind} '{name}'"
         check_name(kind, name, text)
         whole = file_with(kept, kind, name, text) or ""
-        check_tree(self.root, path, whole, "", what)
+        check_tree(self.root, path, whole, engine="", what=what)
         person = Caller("developer", uid=os.getuid()).author
         change = ManifestChange(
             str(path.relative_to(self.root)), digest(before), digest(whole.encode()), _message(kind, name), person, True

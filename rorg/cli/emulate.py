@@ -35,29 +35,32 @@ COLUMNS = (
 SHORTEST = 2.0
 """Shortest run, in seconds: a sample takes one."""
 
+Scale = Annotated[
+    float | None,
+    Option(
+        "Factor on the declared CPU and memory. Default: everything on takes a quarter of the machine.",
+        least=0.001,
+        most=1,
+        metavar="F",
+    ),
+]
+Save = Annotated[Path | None, Option("Write all measurements to this file, as JSON, after each run.", completes=FILES)]
+Plot = Annotated[
+    Path | None,
+    Option("Plot CPU, memory and the activity of the robot in the first pair to a .png or .svg.", completes=FILES),
+]
+
 
 def command(
     trace: Annotated[Path, Argument("File of a Trace: the requests to replay.", completes=FILES)],
     directory: Directory = None,
+    *,
     compress: Annotated[float, Option("Divide the times of the trace by this.", least=1, most=1000)] = 6.0,
     pairs: Annotated[int, Option("How often to run everything-on and rorg in turns.", least=1, most=100)] = 3,
-    scale: Annotated[
-        float | None,
-        Option(
-            "Factor on the declared CPU and memory. Default: everything on takes a quarter of the machine.",
-            least=0.001,
-            most=1,
-            metavar="F",
-        ),
-    ] = None,
+    scale: Scale = None,
     engine: EngineName = None,
-    save: Annotated[
-        Path | None, Option("Write all measurements to this file, as JSON, after each run.", completes=FILES)
-    ] = None,
-    plot: Annotated[
-        Path | None,
-        Option("Plot CPU, memory and the activity of the robot in the first pair to a .png or .svg.", completes=FILES),
-    ] = None,
+    save: Save = None,
+    plot: Plot = None,
     output: Output = "table",
 ) -> None:
     """Replay a trace on a real engine with stand-in programs, with everything on and with rorg in turns. Leave

@@ -24,6 +24,7 @@ def command(
     services: Annotated[
         list[str] | None, Argument("Only about these services. Default: about everything.", completes=SERVICES)
     ] = None,
+    *,
     follow: Annotated[bool, Option("Follow new entries.", names=("-f", "--follow"))] = False,
     tail: Annotated[
         int | None, Option("Number of entries, the last ones. Default: 20, or all with --since.", least=0)

@@ -19,31 +19,37 @@ KIND_OF = {name: names[0] for names in KINDS.values() for name in names}
 Found = tuple[list[dict[str, Any]], list[Any]]
 """(rows for people, values for YAML and JSON)."""
 
+What = Annotated[
+    list[str] | None,
+    Argument(
+        "A kind (services, groups, images, networks, volumes, profiles, policies, requests), or names of "
+        "services and groups; names may follow a kind.",
+        completes=SERVICES,
+    ),
+]
+Label = Annotated[
+    str, Option("Services with these labels: site=lab,arm.", names=("-l", "--selector"), metavar="LABELS")
+]
+SortBy = Annotated[
+    str,
+    Option("name, state, age, restarts or priority.", choices=("name", "state", "age", "restarts", "priority")),
+]
+AllNamespaces = Annotated[
+    bool, Option("For habits of kubectl: rorg has no namespaces.", names=("-A", "--all-namespaces"))
+]
+
 
 def command(
     context: RobotManifests,
-    what: Annotated[
-        list[str] | None,
-        Argument(
-            "A kind (services, groups, images, networks, volumes, profiles, policies, requests), or names of "
-            "services and groups; names may follow a kind.",
-            completes=SERVICES,
-        ),
-    ] = None,
-    label: Annotated[
-        str, Option("Services with these labels: site=lab,arm.", names=("-l", "--selector"), metavar="LABELS")
-    ] = "",
+    what: What = None,
+    *,
+    label: Label = "",
     group: Annotated[str, Option("Services of this group.", completes=GROUPS)] = "",
-    sort_by: Annotated[
-        str,
-        Option("name, state, age, restarts or priority.", choices=("name", "state", "age", "restarts", "priority")),
-    ] = "name",
+    sort_by: SortBy = "name",
     output: Output = "table",
     watch: Annotated[bool, Option("Keep showing changes.", names=("-w", "--watch"))] = False,
     no_headers: Annotated[bool, Option("Print the table without its first line.")] = False,
-    all_namespaces: Annotated[
-        bool, Option("For habits of kubectl: rorg has no namespaces.", names=("-A", "--all-namespaces"))
-    ] = False,
+    all_namespaces: AllNamespaces = False,
 ) -> None:
     """List services with their state, or groups, images, networks, volumes, profiles, policies, requests. RESTARTS
     counts unexpected exits. AGE is the time since the last start.
@@ -69,7 +75,7 @@ def command(
         else:
             rows, full = ROWS[kind](context, words)
         columns, wide = COLUMNS[kind]
-        show(rows, output, _with_message(rows, columns), wide, full, below=BELOW)
+        show(rows, output, _with_message(rows, columns), wide, full=full, below=BELOW)
         if not watch:
             return
         time.sleep(0.2)

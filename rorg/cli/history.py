@@ -27,6 +27,7 @@ def command(
     revisions: Annotated[
         list[str], Argument("Numbers from the list, or commits as in git: a hash, a tag, HEAD~2.")
     ] = [],  # noqa: B006
+    *,
     number: Annotated[
         int, Option("For list: how many of the newest.", names=("-n", "--number"), least=1, most=MOST)
     ] = 20,

@@ -12,6 +12,7 @@ from rorg.model.units import format_duration, format_seconds
 def command(
     context: RobotEngine,
     services: ServiceNames,
+    *,
     duration: For = None,
     reason: Reason = "",
     end: End = False,

@@ -27,6 +27,7 @@ def command(
     context: Tree,
     action: Annotated[str, Argument("list, prune, save FILE [IMAGE...] or load FILE.", choices=ACTIONS)],
     names: Annotated[list[str], Argument("A file, and images. Default: all that services use.")] = [],  # noqa: B006
+    *,
     keep: Annotated[int | None, Option("For prune: number of revisions whose images stay.", least=1)] = None,
     dry_run: Annotated[bool, Option("For prune: only show what rorg would remove.")] = False,
     yes: Yes = False,

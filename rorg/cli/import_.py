@@ -19,38 +19,43 @@ if TYPE_CHECKING:
 
 SOURCES = ("compose", "systemd", "roslaunch")
 
+Files = Annotated[
+    list[str],
+    Argument(
+        "Compose files, later ones override earlier ones (default: ./compose.yaml); systemd units; or a "
+        "launch file with its arguments as ARG:=VALUE.",
+        completes=FILES,
+    ),
+]
+Also = Annotated[
+    list[str],
+    Option(
+        "A file or directory that the import may read, too, although it is outside the project's folder.",
+        names=("--read",),
+        completes=FILES,
+    ),
+]
+Skip = Annotated[
+    bool,
+    Option(
+        "Leave out what cannot be carried over, with a warning for each; write the rest.",
+        names=("--skip-unsupported",),
+    ),
+]
+
 
 def command(
     what: Annotated[str, Argument("compose, systemd or roslaunch.", choices=SOURCES)],
-    files: Annotated[
-        list[str],
-        Argument(
-            "Compose files, later ones override earlier ones (default: ./compose.yaml); systemd units; or a "
-            "launch file with its arguments as ARG:=VALUE.",
-            completes=FILES,
-        ),
-    ] = [],  # noqa: B006
+    files: Files = [],  # noqa: B006
+    *,
     env_file: Annotated[list[str], Option("For compose: read this file instead of .env.", completes=FILES)] = [],  # noqa: B006
     profile: Annotated[list[str], Option("For compose: include services of this profile.")] = [],  # noqa: B006
     project_name: Annotated[str, Option("For compose: name of the project.")] = "",
     image: Annotated[str, Option("For systemd and roslaunch: the image of the services.")] = "",
-    also: Annotated[
-        list[str],
-        Option(
-            "A file or directory that the import may read, too, although it is outside the project's folder.",
-            names=("--read",),
-            completes=FILES,
-        ),
-    ] = [],  # noqa: B006
+    also: Also = [],  # noqa: B006
     output: Annotated[Path, Option("Directory to write the manifests to.", completes=DIRECTORIES)] = Path("manifests"),
     force: Annotated[bool, Option("Overwrite existing files.")] = False,
-    skip: Annotated[
-        bool,
-        Option(
-            "Leave out what cannot be carried over, with a warning for each; write the rest.",
-            names=("--skip-unsupported",),
-        ),
-    ] = False,
+    skip: Skip = False,
     form: Annotated[str, Option("table, wide, name, yaml or json.", names=("-o",), choices=FORMS)] = "table",
 ) -> None:
     """Write manifests for a Compose project, systemd units or a launch file of ROS 1. Every change or loss is noted. If
@@ -61,7 +66,9 @@ def command(
     """
     named = [Path(path) for path in also]
     if what == "compose":
-        imported = _compose([Path(f) for f in files], env_file, profile, project_name, output, named, skip)
+        imported = _compose(
+            [Path(f) for f in files], env_file, profile, project_name, output=output, named=named, skip=skip
+        )
     elif not files:
         raise Invalid(f"import from {what}", "no file is named", f"`rorg import {what} FILE`")
     elif what == "systemd":
@@ -75,7 +82,14 @@ def command(
 
 
 def _compose(
-    paths: list[Path], env_files: list[str], profiles: list[str], name: str, output: Path, named: list[Path], skip: bool
+    paths: list[Path],
+    env_files: list[str],
+    profiles: list[str],
+    name: str,
+    *,
+    output: Path,
+    named: list[Path],
+    skip: bool,
 ) -> Imported:
     from rorg.manifest.files import Reader
     from rorg.tools.compose.load import load
@@ -87,14 +101,8 @@ def _compose(
             raise Invalid(f"read {path}", "no such file", "another path")
     given = [Path(f) for f in env_files]
     read = Reader(_project_folder(paths[0] if paths else Path()), [*paths, *given, *named])
-    loaded = load(
-        paths or [Path()],
-        os.environ,
-        read,
-        env_files=given or None,
-        profiles=profiles,
-        name=name or None,
-    )
+    paths = paths or [Path()]
+    loaded = load(paths, os.environ, read, env_files=given or None, profiles=profiles, name=name or None)
     if loaded.project is None:
         return Imported(diagnostics=loaded.diagnostics)
     tree = output.resolve()

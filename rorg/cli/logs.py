@@ -26,6 +26,7 @@ def command(
     services: Annotated[
         list[str] | None, Argument("Services or groups. Default: everything that runs.", completes=SERVICES)
     ] = None,
+    *,
     follow: Annotated[bool, Option("Follow new lines.", names=("-f", "--follow"))] = False,
     tail: Annotated[int | None, Option("Only the last lines of each: 100.", names=("-n", "--tail"), least=0)] = None,
     since: Annotated[str, Option("Only lines since 10m (ago), or 2026-01-31T12:00:00Z.")] = "",

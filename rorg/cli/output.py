@@ -178,10 +178,10 @@ def print_rows(
     form: str,
     columns: Sequence[str],
     wide: Sequence[str] = (),
+    *,
     full: Any = None,
     below: Sequence[str] = (),
     text: str | None = None,
-    *,
     headers: bool = True,
 ) -> None:
     """Prints rows in any form. `full`: what YAML and JSON show instead of the rows; `text`: what people read instead of

@@ -15,23 +15,26 @@ from rorg.model.units import format_duration
 if TYPE_CHECKING:
     from rorg.cli.offline import Local
 
+Id = Annotated[str, Option("Id of the request; the same id again replaces it. Default: the first service's name.")]
+Ttl = Annotated[
+    float | None,
+    Option("Lease, such as 10s: the request ends after that time unless it is sent again.", parser=duration),
+]
+Priority = Annotated[
+    int | None,
+    Option("Raise its services to this priority while the request lasts. Default: their own.", least=0, most=100),
+]
+
 
 def command(
     context: RobotEngine,
     services: ServiceNames,
+    *,
     requester: Annotated[str, Option("The service that asks.", names=("--as",))] = "developer",
-    id: Annotated[
-        str, Option("Id of the request; the same id again replaces it. Default: the first service's name.")
-    ] = "",
+    id: Id = "",
     reason: Annotated[str, Option("Why; shown by `rorg why`.")] = "",
-    ttl: Annotated[
-        float | None,
-        Option("Lease, such as 10s: the request ends after that time unless it is sent again.", parser=duration),
-    ] = None,
-    priority: Annotated[
-        int | None,
-        Option("Raise its services to this priority while the request lasts. Default: their own.", least=0, most=100),
-    ] = None,
+    ttl: Ttl = None,
+    priority: Priority = None,
     output: Output = "table",
     wait: Wait = False,
     rollback: Annotated[bool, Option("With --wait: withdraw the request if waiting fails, or on Ctrl-C.")] = False,

@@ -43,6 +43,6 @@ def command(
     def agreed(owner: dict[str, Any] | None, shown: Differences) -> None:
         for line in requests.lines():
             note(line)
-        agree(context, owner, shown, "restore", "Restore that?", yes, nothing=not requests.lines())
+        agree(context, owner, shown, "restore", question="Restore that?", yes=yes, nothing=not requests.lines())
 
-    go_back(context, root, wanted, agreed, "rorg restore", (wait, timeout), requests.restore)
+    go_back(context, root, wanted, agreed, command="rorg restore", waiting=(wait, timeout), then=requests.restore)

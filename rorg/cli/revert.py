@@ -213,6 +213,7 @@ def go_back(
     root: Path,
     wanted: Restoring,
     agreed: Agreed,
+    *,
     command: str,
     waiting: tuple[bool, float],
     then: Callable[[], None] = lambda: None,

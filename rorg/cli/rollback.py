@@ -16,6 +16,7 @@ def command(
         str, Argument("REV: a number from `rorg history`, or a commit as in git. Default: the last good one.")
     ] = "",
     service: Annotated[str, Option("Only the manifest of this service.", metavar="SERVICE", completes=SERVICES)] = "",
+    *,
     printed: Annotated[bool, Option("Only print the git commands that make the commit.", names=("--print",))] = False,
     yes: Yes = False,
     wait: Wait = False,
@@ -36,5 +37,5 @@ def command(
     wanted = restoring(root, context.robot, goal, service)
     what = f"roll {service or 'the manifests'} back"
     agreed = partial(agree, context, what=what, question=f"{wanted.message}?", yes=yes)
-    if not go_back(context, root, wanted, agreed, "rorg rollback", (wait, timeout)):
+    if not go_back(context, root, wanted, agreed, command="rorg rollback", waiting=(wait, timeout)):
         note(f"{wanted.message}: the same already")

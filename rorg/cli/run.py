@@ -33,46 +33,50 @@ LOOK = b"l"
 """What the handler of SIGHUP writes into the pipe."""
 Pem = Annotated[Path | None, Option("PEM file, for --listen.", show_default=False)]
 
+Group = Annotated[
+    str, Option("Members of this group (name or number) may do everything through the socket.", envvar="RORG_GROUP")
+]
+Listen = Annotated[
+    str, Option("Also serve the API on TCP, with TLS and only for clients with a certificate.", metavar="HOST:PORT")
+]
+Git = Annotated[
+    str,
+    Option(
+        "Follow the manifests of this repository instead of a directory.",
+        metavar="REPO[@BRANCH]",
+        completes=DIRECTORIES,
+    ),
+]
+Signers = Annotated[
+    Path | None,
+    Option(
+        "Accept only signed commits: a file of allowed ssh signers, or a GnuPG home.",
+        metavar="FILE|DIR",
+        completes=FILES,
+    ),
+]
+
 
 def command(
     context: RunTree,
-    group: Annotated[
-        str, Option("Members of this group (name or number) may do everything through the socket.", envvar="RORG_GROUP")
-    ] = GROUP,
-    listen: Annotated[
-        str, Option("Also serve the API on TCP, with TLS and only for clients with a certificate.", metavar="HOST:PORT")
-    ] = "",
+    *,
+    group: Group = GROUP,
+    listen: Listen = "",
     tls_cert: Pem = None,
     tls_key: Pem = None,
     tls_ca: Pem = None,
     tls_revoked: Annotated[Path | None, Option("PEM list (CRL) of revoked client certificates, for --listen.")] = None,
-    git: Annotated[
-        str,
-        Option(
-            "Follow the manifests of this repository instead of a directory.",
-            metavar="REPO[@BRANCH]",
-            completes=DIRECTORIES,
-        ),
-    ] = "",
+    git: Git = "",
     path: Annotated[str, Option("Directory of the manifests in the repository. Default: its top.", metavar="DIR")] = "",
     poll: Annotated[float, Option("How often to fetch: 30s, 5m.", parser=duration, least=1, most=86_400)] = 30.0,
     committed: Annotated[bool, Option("Use only committed manifests of DIRECTORY.")] = False,
-    signers: Annotated[
-        Path | None,
-        Option(
-            "Accept only signed commits: a file of allowed ssh signers, or a GnuPG home.",
-            metavar="FILE|DIR",
-            completes=FILES,
-        ),
-    ] = None,
+    signers: Signers = None,
 ) -> None:
     """Run the loop until stopped: keep the containers as manifests and requests say, and serve the API.
 
     Example: rorg run manifests
     """
-    from rorg.api.server import make_server
     from rorg.host.heap import share_heap
-    from rorg.store.clear import clear
 
     share_heap()
     if not git and _brought_up(context):
@@ -83,7 +87,14 @@ def command(
     tcp = _tcp(listen, (tls_cert, tls_key, tls_ca, tls_revoked)) if listen else None
     context.state.acquire("rorg run")
     _tell_down(context)
-    loop = _loop(context, repository, poll)
+    _serve(context, _loop(context, repository, poll), group, tcp)
+
+
+def _serve(context: Context, loop: Loop, group: str, tcp: tuple[str, int, Tls] | None) -> None:
+    """Runs the loop and the API until it is told to stop, or the robot is down."""
+    from rorg.api.server import make_server
+    from rorg.store.clear import clear
+
     server = make_server(loop, context.state, group)
     server.tcp = tcp
     with context.state.usable():

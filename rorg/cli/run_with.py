@@ -27,6 +27,7 @@ def command(
     context: Robot,
     services: ServiceNames,
     program: Rest,
+    *,
     no_wait: Annotated[bool, Option("Start the command immediately, without waiting.")] = False,
     timeout: Timeout = 60.0,
     requester: Annotated[str, Option("The service that asks.", names=("--as",))] = "developer",

@@ -44,10 +44,12 @@ class Parameter(NamedTuple):
 def parameters(command: Callable[..., Any]) -> tuple[Parameter, ...]:
     """What a command line may give a command: the parameters of its function in order, then those of its context."""
     # Not inspect.signature: its import takes a tenth of a short command.
-    names = command.__code__.co_varnames[: command.__code__.co_argcount]
+    code = command.__code__
+    names = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
     hints = get_type_hints(command, include_extras=True)
     contexts = _contexts(hints)
-    defaults = dict(zip(reversed(names), reversed(command.__defaults__ or ()), strict=False))
+    defaults = dict(zip(reversed(names[: code.co_argcount]), reversed(command.__defaults__ or ()), strict=False))
+    defaults |= command.__kwdefaults__ or {}
     own = [name for name in names if name not in contexts]
     found = [_parameter(name, hints[name], name not in defaults, defaults.get(name)) for name in own]
     found += [_parameter(name, hint) for options in contexts.values() for name, hint in options.hints.items()]

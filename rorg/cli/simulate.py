@@ -20,49 +20,56 @@ if TYPE_CHECKING:
     from rorg.tools.sim.results import RunResult
     from rorg.tools.sim.variants import Tree, Tried, Variant
 
+WorkloadFile = Annotated[
+    Path | None,
+    Option(
+        "File of a Workload: how programs use the machine. Default: `resources` and `ready` of the manifests.",
+        completes=FILES,
+    ),
+]
+Learn = Annotated[
+    Path | None,
+    Option(
+        "File of another Trace, from which to learn prewarming before the first one begins. Default: "
+        "learn during the first one.",
+        metavar="TRACE",
+        completes=FILES,
+    ),
+]
+Plot = Annotated[
+    Path | None,
+    Option("Plot CPU, memory and the activity of the robot over time to a .png or .svg.", completes=FILES),
+]
+Compare = Annotated[
+    list[str],
+    Option(
+        "Compare with this variant: a directory of manifests, the file of a Policy, or settings for all "
+        "services that are not always on, such as linger=20s,idle=pause,prewarm=auto. Repeat it for more "
+        "variants.",
+        metavar="[NAME=]VARIANT",
+    ),
+]
+Sweep = Annotated[
+    list[str],
+    Option(
+        "Compare all combinations of settings: --sweep linger=0s,20s --sweep idle=pause,stop.",
+        metavar="SETTING=VALUES",
+    ),
+]
+
 
 def command(
     trace: Annotated[Path, Argument("File of a Trace: the requests to replay.", completes=FILES)],
     directory: Directory = None,
-    workload: Annotated[
-        Path | None,
-        Option(
-            "File of a Workload: how programs use the machine. Default: `resources` and `ready` of the manifests.",
-            completes=FILES,
-        ),
-    ] = None,
+    *,
+    workload: WorkloadFile = None,
     seed: Annotated[int, Option("Random seed.")] = 1,
-    learn: Annotated[
-        Path | None,
-        Option(
-            "File of another Trace, from which to learn prewarming before the first one begins. Default: "
-            "learn during the first one.",
-            metavar="TRACE",
-            completes=FILES,
-        ),
-    ] = None,
+    learn: Learn = None,
     every: Annotated[float, Option("Time between two samples.", parser=duration, least=0.01)] = 1.0,
     csv: Annotated[Path | None, Option("Write the time series to a file.", completes=FILES)] = None,
-    plot: Annotated[
-        Path | None,
-        Option("Plot CPU, memory and the activity of the robot over time to a .png or .svg.", completes=FILES),
-    ] = None,
-    compare: Annotated[
-        list[str],
-        Option(
-            "Compare with this variant: a directory of manifests, the file of a Policy, or settings for all "
-            "services that are not always on, such as linger=20s,idle=pause,prewarm=auto. Repeat it for more "
-            "variants.",
-            metavar="[NAME=]VARIANT",
-        ),
-    ] = [],  # noqa: B006
-    sweep: Annotated[
-        list[str],
-        Option(
-            "Compare all combinations of settings: --sweep linger=0s,20s --sweep idle=pause,stop.",
-            metavar="SETTING=VALUES",
-        ),
-    ] = [],  # noqa: B006
+    plot: Plot = None,
+    compare: Compare = [],  # noqa: B006
+    sweep: Sweep = [],  # noqa: B006
     output: Output = "table",
 ) -> None:
     """Replay a trace on a simulated robot in virtual time, with everything on and with time-sharing: CPU and memory
@@ -74,20 +81,27 @@ def command(
     from rorg.manifest.traces import read_trace
     from rorg.manifest.workloads import read_workload
     from rorg.model.workload import Workload
-    from rorg.tools.sim.report import COLUMNS, WIDE, as_json, rows
-    from rorg.tools.sim.simulate import simulate
+    from rorg.tools.sim.variants import Tree
 
     context = Context(None, None, directory, local=True)
     catalog = context.catalog()
     asked = read_trace(trace, {*catalog.services, *catalog.groups})
     programs = read_workload(workload) if workload else Workload("manifests")
-    learned = _learned(learn)
+    trial = Trial(
+        Tree(context.root, catalog, context.engine_name, context.robot), asked, programs, seed, _learned(learn)
+    )
     if compare or sweep:
-        from rorg.tools.sim.variants import Tree
+        try_out(trial, compare, sweep, output, csv, plot)
+    else:
+        _simulate(trial, every, output, csv, plot)
 
-        tree = Tree(context.root, catalog, context.engine_name, context.robot)
-        try_out(Trial(tree, asked, programs, seed, learned), compare, sweep, output, csv, plot)
-        return
+
+def _simulate(trial: Trial, every: float, output: str, csv: Path | None, plot: Path | None) -> None:
+    """Simulates the robot with everything on and with time-sharing, and prints, writes and plots the results."""
+    from rorg.tools.sim.report import COLUMNS, WIDE, as_json, rows
+    from rorg.tools.sim.simulate import simulate
+
+    catalog, asked, programs, seed, learned = trial.tree.catalog, trial.trace, trial.workload, trial.seed, trial.learned
     results = [
         simulate(catalog, asked, programs, seed, name=name, all_on=all_on, every=every, learned=learned)
         for name, all_on in (("all-on", True), ("rorg", False))
@@ -99,7 +113,7 @@ def command(
 
         draw(results, asked, plot, f"simulated, seed {seed}; synthetic weights: {programs.name}")
     full = {"trace": asked.name, "workload": programs.name, "seed": seed, "runs": as_json(results)}
-    print_rows(rows(results), output, COLUMNS, WIDE, full)
+    print_rows(rows(results), output, COLUMNS, WIDE, full=full)
 
 
 def _learned(path: Path | None) -> Learned:

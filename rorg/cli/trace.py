@@ -22,34 +22,33 @@ GREETINGS, TOURS = 188 / 4, 10 / 4
 PARTS = 1000.0
 """Recorded times are rounded to this part of a second."""
 
+Length = Annotated[
+    float,
+    Option("For generate: length of the day. Default: 4h.", names=("--duration",), parser=duration, show_default=False),
+]
+Greetings = Annotated[int | None, Option("For generate: number of visitors to greet. Default: 47 an hour.", least=0)]
+Tours = Annotated[int | None, Option("For generate: how many of them get a tour. Default: 5 in 2 hours.", least=0)]
+Since = Annotated[
+    str | None, Option("For record: start, 10m (ago) or 2026-01-31T12:00:00Z. Default: 24h.", parser=moment)
+]
+File = Annotated[
+    Path | None,
+    Option("For generate and record: the file to write. Default: standard output.", completes=FILES, metavar="FILE"),
+]
+
 
 def command(
     context: Robot,
     action: Annotated[str, Argument("generate, record, or show FILE.", choices=ACTIONS)],
     trace: Annotated[Path | None, Argument("For show: the file of a trace.", completes=FILES)] = None,
-    length: Annotated[
-        float,
-        Option(
-            "For generate: length of the day. Default: 4h.", names=("--duration",), parser=duration, show_default=False
-        ),
-    ] = 4 * 3600.0,
-    greetings: Annotated[
-        int | None, Option("For generate: number of visitors to greet. Default: 47 an hour.", least=0)
-    ] = None,
-    tours: Annotated[
-        int | None, Option("For generate: how many of them get a tour. Default: 5 in 2 hours.", least=0)
-    ] = None,
+    *,
+    length: Length = 4 * 3600.0,
+    greetings: Greetings = None,
+    tours: Tours = None,
     seed: Annotated[int, Option("For generate: random seed.", least=0)] = 1,
-    since: Annotated[
-        str | None, Option("For record: start, 10m (ago) or 2026-01-31T12:00:00Z. Default: 24h.", parser=moment)
-    ] = None,
+    since: Since = None,
     until: Annotated[str | None, Option("For record: end. Default: now.", parser=moment)] = None,
-    file: Annotated[
-        Path | None,
-        Option(
-            "For generate and record: the file to write. Default: standard output.", completes=FILES, metavar="FILE"
-        ),
-    ] = None,
+    file: File = None,
     output: Output = "table",
 ) -> None:
     """Make traces of requests for `rorg simulate` and `rorg emulate`: generate a day of the tour guide, record the

@@ -28,6 +28,7 @@ class Watch:
         form: str,
         columns: Sequence[str],
         wide: Sequence[str],
+        *,
         full: Any = None,
         below: Sequence[str] = (),
     ) -> None:
@@ -45,7 +46,7 @@ class Watch:
         if form in ("table", "wide"):
             self._append([*rows, *gone], [*changed, *gone], shown)
         else:
-            print_rows([*changed, *gone] if form == "name" else rows, form, columns, wide, full)
+            print_rows([*changed, *gone] if form == "name" else rows, form, columns, wide, full=full)
 
     def _append(self, rows: list[Row], changed: list[Row], shown: Sequence[str]) -> None:
         """Prints changed rows; and the head again if columns or their widths changed."""

@@ -119,7 +119,7 @@ class ImageManager:
             reasons = {r: _reason(r, desired.catalog, content) for r in missing}
             names = sorted(content.named(r) for r, reason in reasons.items() if not reason.failed)
             if names:
-                self.supplier.supply(desired.catalog, content, names, self, self._halt)
+                self.supplier.supply(desired.catalog, content, names, listener=self, stop=self._halt)
             self._over(any(m.failed for m in self._missing.values()))
             if not self._missing and not self._asked:
                 self.records.use(content.references.values())

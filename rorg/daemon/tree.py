@@ -42,11 +42,37 @@ MOST_FOLDERS = 4000
 class Tree:
     """`desired` is what the last good tree declares. While there are `errors` nothing is removed because of it."""
 
+    refusal = ""
+    """Why git refuses to answer."""
+    errors: tuple[Diagnostic, ...] = ()
+    warnings: tuple[Diagnostic, ...] = ()
+    loaded = False
+    """Whether any tree has been good yet."""
+    standing: Standing | None = None
+    """The standing of its revision, as of the last pass."""
+    _catalog: Catalog | None = None
+    """The last good tree, as it was read."""
+    _records: tuple[int, ...] = ()
+    """The stamp of the record of builds at that time."""
+    _commit: tuple[object, Commit | None] | None = None
+    """(the repository's head when git was asked, git's answer)."""
+    _moves: tuple[tuple[int, int], ...] = ()
+    """The repository's head at the last reading."""
+    _stamp: Stamp | None = None
+    """The stamp of the last reading."""
+    _mounts: tuple[Stats, float] = (), 0.0
+    """(what is mounted, as of the last look; since when it has been so)."""
+    _since: float | None = None
+    """Since when the tree has been too busy to be read."""
+    _seen: Stamp | None = None
+    """The stamp at the last look since then."""
+
     def __init__(
         self,
         root: Path,
         run: str = "/run/rorg",
         clock: Callable[[], float] = time.monotonic,
+        *,
         engine: str = "",
         references: References | None = None,
         named: str = "",
@@ -63,33 +89,8 @@ class Tree:
         """Knows the secrets of everything that was read, even of refused trees."""
         self.images = Content()
         """Of the last good tree."""
-        self._catalog: Catalog | None = None
-        """The last good tree, as it was read."""
-        self._records: tuple[int, ...] = ()
-        """The stamp of the record of builds at that time."""
         self.desired: Desired = desire(EMPTY)
-        self.errors: tuple[Diagnostic, ...] = ()
-        self.warnings: tuple[Diagnostic, ...] = ()
-        self._commit: tuple[object, Commit | None] | None = None
-        """(the repository's head when git was asked, git's answer)."""
-        self.refusal = ""
-        """Why git refuses to answer."""
-        self._moves: tuple[tuple[int, int], ...] = ()
-        """The repository's head at the last reading."""
-        self.loaded = False
-        """Whether any tree has been good yet."""
-        self.standing: Standing | None = None
-        """The standing of its revision, as of the last pass."""
-        self._inputs = Inputs()
-        self._stamp: Stamp | None = None
-        """The stamp of the last reading."""
-        self._mounts: tuple[Stats, float] = (), 0.0
-        """(what is mounted, as of the last look; since when it has been so)."""
-        self._since: float | None = None
-        """Since when the tree has been too busy to be read."""
-        self._seen: Stamp | None = None
-        """The stamp at the last look since then."""
-        self._contents = Contents()
+        self._inputs, self._contents = Inputs(), Contents()
 
     @cached_property
     def _git(self) -> Path | None:

@@ -71,7 +71,7 @@ def environment(host: str, folder: str) -> dict[str, str]:
 
 
 def build(
-    command: str, host: str, order: Order, image: Image, dockerfile: bytes, say: Say, cancellation: Cancellation
+    command: str, host: str, order: Order, image: Image, *, dockerfile: bytes, say: Say, cancellation: Cancellation
 ) -> str:
     """The id of the image. Raises StepFailed, and OSError for unreadable files of the context."""
     with tempfile.TemporaryDirectory(prefix="rorg-build-") as name:

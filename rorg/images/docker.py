@@ -71,7 +71,8 @@ class DockerBuilder:
         command, image = self._buildkit(), order.image
         text = dockerfile_of(order, image, bool(command))
         if command:
-            return buildkit.build(command, self._client.host, order, image, text, say, self._cancellation)
+            host, stop = self._client.host, self._cancellation
+            return buildkit.build(command, host, order, image, dockerfile=text, say=say, cancellation=stop)
         return classic.build(self._client, order, image, text, say, self._cancellation)
 
     def _buildkit(self) -> str:

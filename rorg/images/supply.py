@@ -6,7 +6,7 @@ import contextlib
 import threading
 import time
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 from rorg.engines.protocol import Engine
@@ -56,6 +56,7 @@ class Supplier:
         catalog: Catalog,
         content: Content,
         names: Iterable[str],
+        *,
         listener: Listener,
         stop: threading.Event | None = None,
         pull: bool = False,
@@ -178,26 +179,48 @@ def orders_for(
     `names`: Images of the tree, or external references. `identities`, `tags`: Image -> identity, and the reference in
     force. `there`: references that the engine has. `pull`: existing external images are pulled again. Without `cache`,
     the named Images are built again, and nothing that the engine kept of them is used."""
-    found: dict[str, Order] = {}
     names = list(names)
-    anew = set() if cache else {declared(name, catalog.images) for name in names}
+    anew = frozenset() if cache else frozenset(declared(name, catalog.images) for name in names)
+    orders = _Orders(catalog, identities, tags, there, owner, pull, anew)
+    for name in names:
+        orders.add(name)
+    return list(orders.found.values())
 
-    def add(name: str) -> str:
-        """The reference of its order. There is no cycle: trees are checked when they are loaded."""
-        image = catalog.images.get(declared(name, catalog.images))
-        reference = tags[image.name] if image else name
-        if reference in found:
+
+@dataclass(frozen=True)
+class _Orders:
+    """Collects orders; the first seven fields are as in orders_for()."""
+
+    catalog: Catalog
+    identities: Mapping[str, str]
+    tags: Mapping[str, str]
+    there: Collection[str]
+    owner: str
+    pull: bool
+    anew: frozenset[str]
+    """Images that are built again."""
+    found: dict[str, Order] = field(default_factory=dict)
+
+    def add(self, name: str) -> str:
+        """Add the order of an image after those of its bases, and return its reference. There is no cycle: trees are
+        checked when they are loaded."""
+        image = self.catalog.images.get(declared(name, self.catalog.images))
+        reference = self.tags[image.name] if image else name
+        if reference in self.found:
             return reference
+        present = reference in self.there
         if image is None:
-            found[reference] = Order(reference, there=name in there, pull=pull and name in there)
-        elif reference in there and image.name not in anew:
-            found[reference] = order(image, reference, {}, True)
+            self.found[reference] = Order(reference, there=present, pull=self.pull and present)
+        elif present and image.name not in self.anew:
+            self.found[reference] = self._order(image, reference, {}, True)
         else:
-            found[reference] = order(image, reference, {base: add(base) for base in image.bases}, False)
+            below = {base: self.add(base) for base in image.bases}
+            self.found[reference] = self._order(image, reference, below, False)
         return reference
 
-    def order(image: Image, reference: str, below: Mapping[str, str], present: bool) -> Order:
-        labels = {LABEL_IMAGE: image.name, LABEL_IDENTITY: identities.get(image.name, ""), LABEL_BUILDER: owner}
+    def _order(self, image: Image, reference: str, below: Mapping[str, str], present: bool) -> Order:
+        identity = self.identities.get(image.name, "")
+        labels = {LABEL_IMAGE: image.name, LABEL_IDENTITY: identity, LABEL_BUILDER: self.owner}
         return Order(
             reference,
             image,
@@ -206,12 +229,8 @@ def orders_for(
             below=tuple(dict.fromkeys(below.values())),
             replacements={base: to for base, to in below.items() if base != to},
             there=present,
-            cache=image.name not in anew,
+            cache=image.name not in self.anew,
         )
-
-    for name in names:
-        add(name)
-    return list(found.values())
 
 
 def externals(catalog: Catalog, names: Iterable[str]) -> set[str]:

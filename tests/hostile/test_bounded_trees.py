@@ -177,6 +177,6 @@ def test_one_manifest_through_the_api_costs_little(tmp_path):
     body = {"apiVersion": "rorg/v1", "kind": "Service", "metadata": {"name": "b"}, "spec": spec}
     began = time.process_time()
     with pytest.raises(Invalid, match=r"services/b\.yaml:1:\d+: error: .*more than 1000"):
-        check_tree(tmp_path, tmp_path / "services/b.yaml", json.dumps(body), "", "put it")
+        check_tree(tmp_path, tmp_path / "services/b.yaml", json.dumps(body), engine="", what="put it")
     assert time.process_time() - began < SECONDS
     assert yaml.safe_load(json.dumps(body)) == body

@@ -37,6 +37,7 @@ def attach(
     client: Client,
     container: str,
     command: Sequence[str],
+    *,
     terminal: bool,
     stdin: bool,
     local: bool,

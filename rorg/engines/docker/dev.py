@@ -72,7 +72,8 @@ class DevContainers:
     def run(self, found: DevContainer, command: Sequence[str], terminal: bool, folder: str) -> int:
         """Run a command in it with this process's standard streams; see Access.attach."""
         with docker_errors(f"run {command[0]} in {found.name}"):
-            return attach(self._client, found.id, command, terminal, True, self._engine.local, folder)
+            client, local = self._client, self._engine.local
+            return attach(client, found.id, command, terminal=terminal, stdin=True, local=local, folder=folder)
 
     def remove(self, found: DevContainer) -> None:
         """End it with everything that runs in it."""

@@ -58,7 +58,7 @@ class Inside:
 
     def attach(self, container: str, command: Sequence[str], terminal: bool, stdin: bool) -> int:
         with docker_errors(f"run {command[0]} in {container[:12]}"):
-            return attach(self.client, container, command, terminal, stdin, self.local)
+            return attach(self.client, container, command, terminal=terminal, stdin=stdin, local=self.local)
 
     def fetch(self, container: str, path: str, place: Path) -> None:
         with docker_errors(f"copy {path}"):

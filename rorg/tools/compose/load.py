@@ -46,7 +46,7 @@ def load(
     first = paths[0] if paths[0].is_dir() else paths[0].parent
     files = Files(read or Reader(directory or first, [*paths, *(env_files or ())]))
     try:
-        project = _project(paths, environment, files, directory, env_files, profiles, name)
+        project = _project(paths, environment, files, directory, env_files=env_files, profiles=profiles, name=name)
     except TooMuch as bound:
         files.diagnostics.append(bound.diagnostic)
         project = None
@@ -60,6 +60,7 @@ def _project(
     environment: Mapping[str, str],
     files: Files,
     directory: Path | None,
+    *,
     env_files: Sequence[Path] | None,
     profiles: Sequence[str],
     name: str | None,

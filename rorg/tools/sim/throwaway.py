@@ -76,7 +76,7 @@ class ThrowawayRobot:
         names = content.names
         before = self._builder.there({*names, *names.values()})
         try:
-            results = supplier.supply(catalog, content, used, Told(say, names))
+            results = supplier.supply(catalog, content, used, listener=Told(say, names))
         finally:
             self._new_images = sorted({*names, *names.values()} - before)
         failed = [r for r in results if r.outcome == "failed"]
