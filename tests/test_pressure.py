@@ -271,9 +271,9 @@ def test_a_machine_over_its_budget_comes_back_under_it_on_docker(dockerd, slice_
         before = {c.service: c.incarnation for c in robot.containers() if c.alive}
         robot.request("aa", "bb", id="load")
         robot.wait(lambda: {"aa", "bb"} <= robot.active())
-        robot.wait(lambda: robot.status()["pressure"]["reason"] != "", 10)
-        robot.wait(lambda: len({"aa", "bb"} & robot.active()) < 2, 10)
-        robot.wait(lambda: not over(robot, budget), 10)
+        robot.wait(lambda: robot.status()["pressure"]["reason"] != "")
+        robot.wait(lambda: len({"aa", "bb"} & robot.active()) < 2)
+        robot.wait(lambda: not over(robot, budget))
         assert {c.service: c.incarnation for c in robot.containers() if c.service in before} == before
         assert "drive" in robot.active()
         robot.release("load")
