@@ -146,8 +146,9 @@ def _compared(sample: Sample, folder: Path, project) -> str:
 def _compose() -> list[str]:
     """The command line of Compose; empty if it is not installed."""
     for line in (["docker", "compose"], ["docker-compose"]):
-        if shutil.which(line[0]) and subprocess.run([*line, "version"], capture_output=True).returncode == 0:
-            return line
+        found = shutil.which(line[0])
+        if found and subprocess.run([found, *line[1:], "version"], capture_output=True).returncode == 0:
+            return [found, *line[1:]]
     return []
 
 
