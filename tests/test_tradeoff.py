@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import pytest
+from conftest import ROOT
 
+from rorg.manifest.traces import read_trace
 from rorg.model.catalog import Catalog
-from rorg.tools.sim.plots import draw_sweep
+from rorg.tools.sim.plots import draw_runs, draw_sweep
 from rorg.tools.sim.results import Response, RunResult, Sample, Violation
 from rorg.tools.sim.variants import Variant, tried
 
@@ -67,3 +69,29 @@ def test_the_picture_has_a_line_for_each_combination_of_the_other_settings():
     hollow = [line.get_data()[0][0] for line in memory.lines if line.get_markerfacecolor() == "white"]
     assert hollow == pytest.approx([3.0]), "the one that is beaten"
     assert "Synthetic." in figure.get_supxlabel()
+
+
+def test_the_labels_of_near_points_do_not_collide():
+    """Two points in one place share a label, and none is cut off by the edge of the panel."""
+    lingers = ("0s", "5s", "20s", "60s")
+    settings = [{"linger": linger, "idle": idle} for idle in ("pause", "stop") for linger in lingers]
+    gib = (2.7, 2.7, 2.7, 2.7, 1.75, 1.76, 1.81, 1.9)
+    waits = (0.22, 0.22, 0.20, 0.16, 0.31, 0.31, 0.26, 0.2)
+    results = [run("", 1.8, g, [wait]) for g, wait in zip(gib, waits, strict=True)]
+    figure = draw_sweep(tried(variants(*settings), results), "an hour", "Synthetic.")
+    memory = figure.axes[1]
+    assert [text.get_text() for text in memory.texts] == ["0s, 5s", "20s", "60s", "0s, 5s", "20s", "60s"]
+    boxes = [text.get_window_extent() for text in memory.texts]
+    assert not [(a, b) for i, a in enumerate(boxes) for b in boxes[:i] if a.overlaps(b)]
+    assert all(memory.bbox.contains(*corner) for box in boxes for corner in box.corners())
+
+
+def test_the_footnote_stays_clear_of_the_legend():
+    """Their texts, as long as they are, in the figure of a trace with all states."""
+    trace = read_trace(ROOT / "docs/evaluation/hour.yaml")
+    figure = draw_runs([run("rorg", 1.0, 1, [1.0])], trace, "measured on Docker with stand-ins " * 4)
+    figure.draw_without_rendering()
+    (_, below) = figure.legends
+    boxes = [text.get_window_extent() for text in (below.get_title(), *below.get_texts(), figure.axes[-1].xaxis.label)]
+    assert not [(a, b) for i, a in enumerate(boxes) for b in boxes[:i] if a.overlaps(b)]
+    assert all(figure.bbox.contains(*corner) for box in boxes for corner in box.corners())

@@ -3,7 +3,7 @@ installation (`rorg[plots]`), and slow to load, so only this file imports it, an
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +16,7 @@ from rorg.tools.sim.variants import Tried
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.transforms import Bbox
 
 
 FORMATS = (".png", ".svg")
@@ -39,7 +40,7 @@ def check_drawing(path: Path) -> None:
 
 def draw(results: Sequence[RunResult], trace: Trace, path: Path, footnote: str) -> None:
     """Plots CPU and memory over time. Raises Invalid as save() does."""
-    save(lambda: _figure(results, trace, footnote), path)
+    save(lambda: draw_runs(results, trace, footnote), path)
 
 
 def save(make: Callable[[], Figure], path: Path) -> None:
@@ -56,11 +57,13 @@ def save(make: Callable[[], Figure], path: Path) -> None:
             raise Invalid(f"draw {path}", error.strerror or str(error), "another file") from None
 
 
-def _figure(results: Sequence[RunResult], trace: Trace, footnote: str) -> Any:
+def draw_runs(results: Sequence[RunResult], trace: Trace, footnote: str) -> Figure:
+    """Returns the figure of draw()."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10, 6), layout="constrained")
-    cpu, memory, activity = figure.subplots(3, 1, sharex=True, height_ratios=(5, 5, 1.2))
+    panels: Any = figure.subplots(3, 1, sharex=True, height_ratios=(5, 5, 1.2))
+    cpu, memory, activity = panels
     scale, unit = (3600.0, "hours") if trace.duration >= 7200 else (60.0, "minutes")
     for one, colour in zip(results, COLOURS * len(results), strict=False):
         samples = _thinned(one.samples)
@@ -82,10 +85,11 @@ def _figure(results: Sequence[RunResult], trace: Trace, footnote: str) -> Any:
     lines, said = cpu.get_legend_handles_labels()
     figure.legend(lines, said, loc="outside upper right", ncols=min(3, len(results)), frameon=False)
     bands, states = activity.get_legend_handles_labels()
-    if bands:
-        figure.legend(bands, states, loc="outside lower right", ncols=8, frameon=False)
+    # The footnote is the legend's title, so that the layout keeps the two apart.
+    below = figure.legend(bands, states, loc="outside lower left", ncols=8, frameon=False, alignment="left")
+    below.set_title(footnote)
+    below.get_title().set(fontsize=7, color="#555555")
     figure.suptitle(trace.name, x=0.01, ha="left", fontweight="bold")
-    figure.supxlabel(footnote, fontsize=7, color="#555555", x=0.01, ha="left")
     return figure
 
 
@@ -126,17 +130,21 @@ def draw_sweep(found: Sequence[Tried], title: str, note: str) -> Figure:
 
     figure = Figure(figsize=(11, 5), layout="constrained")
     panels: Any = figure.subplots(1, len(AXES), sharey=True)
+    lines = _lines(found)
     for axes, (label, field, unit) in zip(panels, AXES, strict=True):
-        for name, line in _lines(found).items():
+        for name, line in lines.items():
             _draw(axes, name, line, field, unit)
         axes.set_xlabel(label)
         axes.grid(alpha=0.3)
     panels[0].set_ylabel("response time (s, mean)")
-    panels[0].set_ylim(bottom=0)
-    if len(_lines(found)) > 1:
-        panels[-1].legend()
+    panels[0].set_ylim(bottom=0, top=max((one.cost.waiting for one in found), default=0.0) * 1.1 or None)
+    if len(lines) > 1:
+        panels[-1].legend(loc="lower left")
     figure.suptitle(title)
     figure.supxlabel(f"Filled: none of the others costs less of everything. {note}", fontsize="small")
+    figure.draw_without_rendering()  # so that distances are known
+    for axes, (_, field, unit) in zip(panels, AXES, strict=True):
+        _label(axes, lines.values(), field, unit)
     return figure
 
 
@@ -149,12 +157,57 @@ def _lines(found: Sequence[Tried]) -> Mapping[str, list[Tried]]:
     return lines
 
 
+def _point(one: Tried, field: str, unit: float) -> tuple[float, float]:
+    return getattr(one.cost, field) / unit, one.cost.waiting
+
+
 def _draw(axes: Axes, name: str, line: Sequence[Tried], field: str, unit: float) -> None:
-    points = [(getattr(one.cost, field) / unit, one.cost.waiting) for one in line]
+    points = [_point(one, field, unit) for one in line]
     (drawn,) = axes.plot([x for x, _ in points], [y for _, y in points], alpha=0.5, label=name)
     colour = drawn.get_color()
     for one, point in zip(line, points, strict=True):
-        fill = colour if one.efficient else "white"
-        axes.plot(*point, "o", color=colour, markerfacecolor=fill)
-        first = next(iter(one.variant.settings.items()), ("", one.variant.name))
-        axes.annotate(first[1], point, textcoords="offset points", xytext=(5, 5), fontsize="small")
+        axes.plot(*point, "o", color=colour, markerfacecolor=colour if one.efficient else "white")
+
+
+NEAR = 12
+"""Pixels: points of a line that are nearer share a label."""
+BESIDE = ((6, 4), (6, -4), (-6, 4), (-6, -4), (0, 9), (0, -9), (14, 14), (-14, -14))
+"""Where a label may be, in points from its own."""
+
+
+def _label(axes: Axes, lines: Iterable[Sequence[Tried]], field: str, unit: float) -> None:
+    """Names the points of a panel by the first setting."""
+    from matplotlib.transforms import Bbox
+
+    labels = dict[tuple[float, float], list[str]]()
+    taken = list[Bbox]()
+    for line in lines:
+        labelled = before = None
+        for one in line:
+            point = _point(one, field, unit)
+            x, y = axes.transData.transform(point)
+            if labelled is None or before is None or max(abs(x - before[0]), abs(y - before[1])) > NEAR:
+                labelled = point
+            before = x, y
+            taken.append(Bbox.from_bounds(x - 4, y - 4, 8, 8))
+            name = next(iter(one.variant.settings.values()), one.variant.name)
+            labels.setdefault(labelled, []).append(name)
+    legend = axes.get_legend()
+    taken += [legend.get_window_extent()] if legend else []
+    for point, names in labels.items():
+        taken.append(_place(axes, ", ".join(names), point, taken))
+
+
+def _place(axes: Axes, label: str, point: tuple[float, float], taken: Sequence[Bbox]) -> Bbox:
+    """Writes a label where it meets no other label, point or edge, and returns its box. Without such a place, the last
+    one has to do."""
+    text = axes.annotate(label, point, BESIDE[0], textcoords="offset points", fontsize="small")
+    for x, y in BESIDE:
+        text.set_position((x, y))
+        text.set_horizontalalignment("left" if x > 0 else "right" if x < 0 else "center")
+        text.set_verticalalignment("bottom" if y > 0 else "top")
+        box = text.get_window_extent()
+        inside = all(axes.bbox.contains(*corner) for corner in box.corners())
+        if inside and not box.count_overlaps(taken):
+            break
+    return box
