@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from rorg.cli.context import Context
 from rorg.cli.options import Argument, Option, Output, Tree, Yes
@@ -14,7 +14,7 @@ from rorg.model.image_names import declared
 from rorg.model.units import counted, format_memory, stamp
 
 if TYPE_CHECKING:
-    from rorg.engines.docker.engine import DockerEngine
+    from rorg.engines.protocol import Images
     from rorg.images.disk_usage import Kept
     from rorg.images.records import Records
     from rorg.images.references import Content
@@ -60,34 +60,34 @@ class _Robot:
         from rorg.images.references import references_for
 
         self.context = context
-        self.engine: DockerEngine = _with_images(context)
+        self.engine: Images = _with_images(context)
         self.catalog: Catalog = context.catalog()
         references = references_for(context.engine_name, context.state.path)
         self.records: Records = references.records
         self.content: Content = references.of(self.catalog)
 
     def kept(self, keep: int | None) -> list[Kept]:
-
-        from rorg.engines.docker.errors import docker_errors
-        from rorg.engines.docker.images import disk_use
         from rorg.images.disk_usage import own_images
 
-        with docker_errors("list images"):
-            rows = disk_use(self.engine.client)
         owner = self.context.state.instance()
         keep = keep or self.catalog.policy.images.keep
-        return own_images(rows, owner, set(self.content.references.values()), self.records.revisions(), keep)
+        return own_images(
+            self.engine.images(), owner, set(self.content.references.values()), self.records.revisions(), keep
+        )
 
 
-def _with_images(context: Context) -> Any:
+def _with_images(context: Context) -> Images:
+    from rorg.engines.protocol import Images
+
     context.here("look after images")
-    if not capabilities_of(context.engine_name).images:
+    engine = context.engine() if capabilities_of(context.engine_name).images else None
+    if not isinstance(engine, Images):
         raise Refused(
             f"look after images on the engine '{context.engine_name}'",
             "its images are only names for folders of programs",
             "--engine docker",
         )
-    return context.engine()
+    return engine
 
 
 def _print(images: list[Kept], output: str) -> None:
@@ -108,9 +108,6 @@ def _print(images: list[Kept], output: str) -> None:
 
 
 def _prune(robot: _Robot, keep: int | None, dry_run: bool, yes: bool, output: str) -> None:
-    from rorg.engines.docker.errors import docker_errors
-    from rorg.engines.docker.images import remove_image
-
     going = [image for image in robot.kept(keep) if not image.reasons]
     _print(going, output)
     freed = format_memory(sum(image.freed for image in going))
@@ -123,8 +120,7 @@ def _prune(robot: _Robot, keep: int | None, dry_run: bool, yes: bool, output: st
     for image in going:
         for reference in image.references or (image.id,):
             try:
-                with docker_errors(f"remove {reference}"):
-                    remove_image(robot.engine.client, reference)
+                robot.engine.remove_image(reference)
                 gone.append(reference)
             except EngineError as error:
                 failed.append(f"{reference}: {error.why}")
@@ -135,7 +131,6 @@ def _prune(robot: _Robot, keep: int | None, dry_run: bool, yes: bool, output: st
 
 
 def _save(robot: _Robot, path: Path, names: list[str]) -> None:
-    from rorg.engines.docker.errors import docker_errors
     from rorg.images.archive import write_archive
 
     for name in names:
@@ -151,11 +146,10 @@ def _save(robot: _Robot, path: Path, names: list[str]) -> None:
     try:
         with (
             disk_errors(f"write {path}", "another place"),
-            docker_errors("save images"),
             part.open("wb") as file,
-            robot.engine.client.stream("GET", "/images/get", names=tuple(references)) as stream,
+            robot.engine.save_images(references) as blocks,
         ):
-            write_archive(iter(stream.read, b""), saved, file)
+            write_archive(blocks, saved, file)
         with disk_errors(f"write {path}", "another place"):
             part.replace(path)
     finally:
@@ -165,20 +159,14 @@ def _save(robot: _Robot, path: Path, names: list[str]) -> None:
 
 def _load(robot: _Robot, path: Path) -> None:
     from rorg.images.archive import read_records
-    from rorg.images.docker import library_errors
     from rorg.regular_file import open_regular
 
-    loaded, what = 0, f"load {path}"
     with disk_errors(f"read {path}", "the file that `rorg image save` wrote"), open_regular(path) as file:
         built = read_records(file, str(path))
         file.seek(0)
-        with library_errors(what):
-            for line in robot.engine.api().load_image(file):
-                if "error" in line:
-                    raise EngineError(what, str(line["error"]), "an archive that `rorg image save` wrote")
-                loaded += "Loaded image" in str(line.get("stream", ""))
+        loaded = robot.engine.load_images(file)
     if not loaded:
-        raise Invalid(what, "it contains no image", "an archive that `rorg image save` wrote")
+        raise Invalid(f"load {path}", "it contains no image", "an archive that `rorg image save` wrote")
     robot.context.state.prepare()
     robot.records.note(built)
     note(f"{counted(loaded, 'image')} loaded")

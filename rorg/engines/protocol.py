@@ -13,9 +13,10 @@ from __future__ import annotations
 import builtins
 import threading
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import IO, Any, Protocol, runtime_checkable
 
 from rorg.core.observed import Container, FoundObjects
 from rorg.engines.log_lines import LogLine, Reading
@@ -131,10 +132,23 @@ class Daemon(Protocol):
 
 @runtime_checkable
 class Images(Protocol):
-    """An engine that makes containers from images."""
+    """An engine that makes containers from images. Errors as those of Engine."""
 
     def missing_images(self, references: Collection[str]) -> set[str]:
         """Return those of these that are not on the engine's machine, so that no container can be made from them."""
+
+    def images(self) -> builtins.list[dict[str, Any]]:
+        """Return all images with their use of the disk, in Docker's form: Size and SharedSize (bytes), and Containers,
+        the number of containers made from them. Takes long if there are many."""
+
+    def remove_image(self, reference: str) -> None:
+        """Remove a reference, and with the last one the image. Raises EngineError if something is made from it."""
+
+    def save_images(self, references: Collection[str]) -> AbstractContextManager[Iterator[bytes]]:
+        """Return the blocks of an archive of these images, within the context."""
+
+    def load_images(self, archive: IO[bytes]) -> int:
+        """Take the images of an archive, and return their number. Raises EngineError if it is none."""
 
 
 @runtime_checkable

@@ -16,7 +16,7 @@ from rorg.engines.docker.client import API_TIMEOUT, Client
 from rorg.engines.docker.connect import engine_host
 from rorg.engines.docker.create import create_container, name_taken
 from rorg.engines.docker.errors import docker_errors
-from rorg.engines.docker.images import missing_images
+from rorg.engines.docker.images import Images
 from rorg.engines.docker.inside import Inside
 from rorg.engines.docker.inspection import read_container, update_body
 from rorg.engines.docker.ping import Pinger
@@ -41,7 +41,7 @@ LAG = 5.0
 """Seconds by which events are late at most."""
 
 
-class DockerEngine(Inside):
+class DockerEngine(Inside, Images):
     """Containers of one owner on one Docker engine."""
 
     name = DEFAULT_ENGINE
@@ -110,10 +110,6 @@ class DockerEngine(Inside):
             brief=True,
             **from_labels(row.get("Labels") or {}),
         )
-
-    def missing_images(self, references: Collection[str]) -> set[str]:
-        with docker_errors("list images"):
-            return missing_images(self.client, references)
 
     def inspect(self, container: str, timeout: float = API_TIMEOUT) -> Container | None:
         try:

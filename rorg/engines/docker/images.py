@@ -1,24 +1,61 @@
-"""Which images an engine has, and removing them."""
+"""The images of an engine: which it has, removing, saving and loading them."""
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from typing import Any
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from typing import IO, Any
 
+from rorg.engines.docker.answers import from_json
 from rorg.engines.docker.client import Client
-from rorg.engines.docker.errors import Refused
+from rorg.engines.docker.errors import Refused, docker_errors
+from rorg.errors import EngineError
 from rorg.model.image_names import plain
 
 LOCAL = "localhost/"
 """Podman's prefix of names that were made here and name no registry."""
+LOADING = 600.0
+"""Seconds for which the engine may say nothing while it unpacks a layer."""
 
 
-def missing_images(client: Client, references: Collection[str]) -> set[str]:
-    """Return those of these that the engine does not have: by one list, and by a look at each that is not in it."""
-    named: set[str] = set()
-    for row in client.get("/images/json") if references else ():
-        named |= {plain(tag.removeprefix(LOCAL)) for tag in row.get("RepoTags") or ()}
-    return {r for r in references if plain(r) not in named and not _is_there(client, r)}
+class Images:
+    """See engines.protocol.Images."""
+
+    client: Client
+
+    def missing_images(self, references: Collection[str]) -> set[str]:
+        """By one list, and by a look at each that is not in it."""
+        named: set[str] = set()
+        with docker_errors("list images"):
+            for row in self.client.get("/images/json") if references else ():
+                named |= {plain(tag.removeprefix(LOCAL)) for tag in row.get("RepoTags") or ()}
+            return {r for r in references if plain(r) not in named and not _is_there(self.client, r)}
+
+    def images(self) -> list[dict[str, Any]]:
+        with docker_errors("list images"):
+            return list(self.client.get("/system/df", type="image").get("Images") or ())
+
+    def remove_image(self, reference: str) -> None:
+        with docker_errors(f"remove {reference}"):
+            self.client.delete(f"/images/{reference}")
+
+    @contextmanager
+    def save_images(self, references: Collection[str]) -> Iterator[Iterator[bytes]]:
+        with (
+            docker_errors("save images"),
+            self.client.stream("GET", "/images/get", names=tuple(references)) as stream,
+        ):
+            yield iter(stream.read, b"")
+
+    def load_images(self, archive: IO[bytes]) -> int:
+        what, loaded = "load images", 0
+        with docker_errors(what), self.client.stream("POST", "/images/load", archive, LOADING) as stream:
+            for line in stream.lines():
+                told = from_json(line)
+                if "error" in told:
+                    raise EngineError(what, str(told["error"]), "an archive that `rorg image save` wrote")
+                loaded += "Loaded image" in str(told.get("stream", ""))
+        return loaded
 
 
 def _is_there(client: Client, reference: str) -> bool:
@@ -30,14 +67,3 @@ def _is_there(client: Client, reference: str) -> bool:
             return False
         raise
     return True
-
-
-def disk_use(client: Client) -> list[dict[str, Any]]:
-    """All images with their use of the disk: Size, SharedSize (bytes), and Containers, the number of containers made
-    from them. Takes long if there are many."""
-    return list(client.get("/system/df", type="image").get("Images") or ())
-
-
-def remove_image(client: Client, reference: str) -> None:
-    """Remove a reference, and with the last one the image. Raises Refused if something is made from it."""
-    client.delete(f"/images/{reference}")
