@@ -81,7 +81,7 @@ def test_every_kind_of_mistake_at_once(tmp_path):
         {"user": "  image: robot\n  ready: {completed: true}\n  restart: once\n"},
         {"user": "  imag: robot\n"},
         {"user": "  image: robot\n  ready: {tpc: 80}\n"},
-        {"user": "  image: robot\n  needs: [[x], y]\n"},
+        {"user": "  image: robot\n  needs: [[x]]\n"},
         {
             "shm": "  image: robot\n  container: {ipc: 3}\n",
             "user": "  image: robot\n  container: {ipc: 'service:shm'}\n",
@@ -92,6 +92,32 @@ def test_every_kind_of_mistake_at_once(tmp_path):
 def test_a_mistake_causes_no_other(tmp_path, services):
     (found,) = told(tree(tmp_path, **services))
     assert found.partition(":")[0] == next(iter(services)).rpartition("_")[2]
+
+
+def test_a_broken_item_of_a_list_hides_no_mistake_of_the_others(tmp_path):
+    loaded = load(
+        tree(
+            tmp_path,
+            user="  image: robot\n  needs:\n  - [x]\n  - nobody\n  - {service: other, bogus: 1}\n  - nothing\n"
+            "  may_request: [other, {}, somebody]\n",
+            probed="  image: robot\n  ready: {all: [{tcp: 80, bogus: 1}, {tcp: x}, {http: 'ftp://a'}]}\n",
+            other="  image: robot\n  conflicts: [3, anybody]\n",
+        )
+    )
+    found = [f"{Path(d.where.file).stem}:{d.where.line}:{d.where.column}: {d.message}" for d in loaded.errors]
+    assert found == [
+        "other:6:15: spec.conflicts.0: input should be a valid string",
+        "other:6:18: conflicts unknown service 'anybody'",
+        "probed:6:27: unknown key 'bogus'",
+        "probed:6:44: spec.ready.all.1.tcp: must be PORT or HOST:PORT, with a port from 1 to 65535",
+        "probed:6:55: spec.ready.all.2.http: must be a URL that begins with http://",
+        "user:7:5: spec.needs.0: must be a mapping",
+        "user:8:5: needs unknown service 'nobody'",
+        "user:9:22: unknown key 'bogus'",
+        "user:10:5: needs unknown service 'nothing'",
+        "user:11:24: spec.may_request.1: input should be a valid string",
+        "user:11:28: unknown service 'somebody'",
+    ]
 
 
 def test_what_is_left_of_a_broken_manifest_never_runs(tmp_path):

@@ -212,7 +212,7 @@ def _checked(document: Document, path: Path, root: Path, variables: Variables) -
         return None
     kind = document.value.get("kind")
     form = ENVELOPES.get(kind, Manifest) if isinstance(kind, str) else Manifest
-    envelope = yield from _valid(form, document, document.value, ())
+    envelope, _ = yield from _valid(form, document, document.value, ())
     if isinstance(kind, str) and kind in BESIDE:
         message = f"a {kind} does not describe a robot and cannot be part of its tree"
         yield Diagnostic(document.where(("kind",)), message, f"to move it out: {BESIDE[kind]}")
@@ -221,18 +221,19 @@ def _checked(document: Document, path: Path, root: Path, variables: Variables) -
         yield replace(found, remedy=KINDS[kind]) if kind in KINDS else found
     if not isinstance(kind, str) or kind not in SPECS or "spec" not in document.value:
         return None
-    spec = yield from _valid(SPECS[kind], document, document.value["spec"], ("spec",))
+    spec, document = yield from _valid(SPECS[kind], document, document.value["spec"], ("spec",))
     if envelope is None or spec is None:
         return None
     meta = envelope.metadata
     return Source(document, kind, meta.name, meta.description or "", dict(meta.labels), spec, path, root, variables)
 
 
-def _valid(model: type[Strict], document: Document, value: object, at: Loc) -> Reading[Any]:
-    """Validates a value, without its mistakes if it has some; None if too little is left."""
+def _valid(model: type[Strict], document: Document, value: object, at: Loc) -> Reading[tuple[Any, Document]]:
+    """Validates a value, without its mistakes if it has some; None if too little is left. Also returns the document
+    without what was dropped from its lists."""
     read, found = validated(model, document, value, at)
     if found:
-        read, more = mended(model, document, value, at, found)
+        read, document, more = mended(model, document, value, at, found)
         found += more
     yield from found
-    return read
+    return read, document

@@ -7,6 +7,7 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
+from rorg.manifest.dropped import Shift, without, without_items
 from rorg.manifest.fields import model_of
 from rorg.manifest.hints import remedy_for
 from rorg.manifest.models import API_VERSION
@@ -45,14 +46,15 @@ TRIES = 5
 
 def mended(
     model: type[Strict], document: Document, value: object, at: Loc, wrong: Iterable[Diagnostic]
-) -> tuple[Any, list[Diagnostic]]:
+) -> tuple[Any, Document, list[Diagnostic]]:
     """Validates an invalid value again without its mistakes, so that what is left can be checked too; returns None if
-    too little is left. Also returns the mistakes that only show then. `wrong` are the mistakes that are known."""
+    too little is left. Also returns the document without dropped items of lists, and the mistakes that only show
+    then. `wrong` are the mistakes that are known."""
     dropped, doubtful = set[Loc](), set[Loc]()
     known, more, context = {d.where for d in wrong}, list[Diagnostic](), None
     for _ in range(TRIES):
         try:
-            return model.model_validate(value, context=context), more
+            return model.model_validate(value, context=context), document, more
         except ValidationError as error:
             again = _converted(value, document, error, at)
             entries = error.errors(include_url=False)
@@ -67,33 +69,30 @@ def mended(
             if context:
                 break
             context = PARTIAL
-        for place in sorted(explained.keys() - dropped - {at}, key=len, reverse=True):
-            value = _dropped(value, place[len(at) :])
-            dropped.add(place)
-            found = explained[place]
-            elsewhere = found.remedy.startswith(("spec.", "metadata.")) or (not found.remedy and place[:-1] == at)
-            if not (elsewhere and found.message.startswith("unknown key")):
-                doubtful.add(place[:-1])  # the mapping may lack what this was meant to be
-    return None, more
+        gone = explained.keys() - dropped - {at}
+        doubtful |= {place[:-1] for place in gone if not _meant_elsewhere(explained[place], place[:-1] == at)}
+        value = without(value, [place[len(at) :] for place in gone])
+        document = without_items(document, [place for place in gone if isinstance(place[-1], int)])
+        shift = Shift.of(gone)
+        dropped, doubtful = shift.paths(dropped | gone), shift.paths(doubtful)
+    return None, document, more
+
+
+def _meant_elsewhere(found: Diagnostic, at_top: bool) -> bool:
+    """Whether a dropped key belongs into another mapping. Otherwise its own may lack what the key was meant to be."""
+    elsewhere = found.remedy.startswith(("spec.", "metadata.")) or (not found.remedy and at_top)
+    return elsewhere and found.message.startswith("unknown key")
 
 
 def _droppable(document: Document, at: Loc, entry: Any) -> Loc:
-    """The key to drop: the mistaken one, or the one above a missing key or an item of a list, because dropping an item
-    would move the others."""
+    """The key or the item of a list to drop: the mistaken one, or the one above a missing key. An item is dropped as a
+    whole, because without one of its keys it may mean something else."""
     place = _place(document, at + tuple(entry["loc"]))
     place = place[:-1] if entry["type"] == "missing" else place
-    index = next((i for i, part in enumerate(place) if isinstance(part, int)), len(place))
+    index = next((i + 1 for i, part in enumerate(place) if isinstance(part, int)), len(place))
     while index > len(at) and place[:index] not in document.values:
         index -= 1
     return place[:index]
-
-
-def _dropped(value: Any, path: Loc) -> Any:
-    """A copy without the key at a path."""
-    if not isinstance(value, dict) or path[0] not in value:
-        return value
-    below = {path[0]: _dropped(value[path[0]], path[1:])} if path[1:] else {}
-    return {key: below.get(key, item) for key, item in value.items() if key != path[0] or below}
 
 
 def _converted(value: object, document: Document, error: ValidationError, at: Loc) -> object:
