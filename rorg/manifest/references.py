@@ -184,7 +184,10 @@ def check_spelling(sources: Iterable[Source]) -> Iterator[Diagnostic]:
 
 
 def check_container_names(services: Mapping[str, Service], sources: Sources) -> Iterator[Diagnostic]:
-    """Names of containers that are used twice, or are shorter than the two characters that the engine requires."""
+    """Names of containers that are used twice, or are shorter than the two characters that the engine requires.
+
+    Services that conflict need different names too: a stopped container keeps its name, and the engine then creates no
+    other one of that name."""
     owners: dict[str, str] = {}
     for name in sources:
         called = services[name].container_name
@@ -195,4 +198,5 @@ def check_container_names(services: Mapping[str, Service], sources: Sources) -> 
         if first != name:
             both = sorted((first, name), key=lambda n: services[n].container_name == n)
             where = sources[both[0]].where("spec", "container", "container_name")
-            yield Diagnostic(where, f"the container of '{both[1]}' is called '{called}' too", "another container_name")
+            message = f"the container of '{both[1]}' is called '{called}' too, and keeps that name while it is stopped"
+            yield Diagnostic(where, message, "another container_name")
