@@ -324,6 +324,29 @@ def test_secrets_and_configs_are_files_that_are_said(tmp_path):
     assert sum(": warning: " in line for line in told(found)) == 4
 
 
+def test_secrets_of_an_included_file_come_from_the_env_file_beside_it(tmp_path):
+    for folder, value in (("arm", "of the arm"), ("base", "of the base")):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / ".env").write_text(f"TOKEN={value}\nMODE={folder}\n")
+        (tmp_path / folder / "compose.yaml").write_text(
+            f"services:\n  {folder}: {{image: a, secrets: [{folder}], configs: [mode_{folder}]}}\n"
+            f"secrets: {{{folder}: {{environment: TOKEN}}}}\nconfigs: {{mode_{folder}: {{environment: MODE}}}}\n"
+        )
+    text = "name: bot\ninclude: [arm/compose.yaml, base/compose.yaml]\n"
+    text += "services:\n  nav: {image: a, secrets: [own]}\nsecrets: {own: {environment: TOKEN}}\n"
+    found = imported(tmp_path, text, {"TOKEN": "mine"})
+    assert found.files["secrets/own"] == found.files["secrets/arm"] == "mine", "the environment comes first"
+    (tmp_path / ".env").write_text("OTHER=x\n")
+    text = text.replace("secrets: [own]", "").replace("secrets: {own: {environment: TOKEN}}\n", "")
+    found = imported(tmp_path, text.replace("image: a, ", "image: a"))
+    assert {name: found.files[f"secrets/{name}"] for name in ("arm", "base")} == {
+        "arm": "of the arm",
+        "base": "of the base",
+    }
+    assert found.files["configs/mode_base"] == "base"
+    assert found.private == {"secrets/arm", "secrets/base"}
+
+
 def test_everything_that_cannot_be_is_told_at_once_and_nothing_is_written(tmp_path):
     (tmp_path / "Dockerfile").write_text("FROM busybox\n")
     (tmp_path / "compose.yaml").write_text(

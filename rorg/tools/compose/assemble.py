@@ -11,6 +11,7 @@ from rorg.model.diagnostics import Where
 from rorg.tools.compose.form import Context
 from rorg.tools.compose.keys import FILE, SERVICE
 from rorg.tools.compose.nodes import Node, read_nodes
+from rorg.tools.compose.project import VALUE
 from rorg.tools.compose.variables import Files, Variables, bare, fill
 
 MOST_INCLUDES, MOST_EXTENDS = 50, 50
@@ -166,7 +167,7 @@ class Assembler:
         if "env_file" not in entry.mapping and self.files.there(base / ".env"):
             self.env_file(base / ".env", entry.where, inner)
         tree = self.tree(paths, base, inner, entry.where, trail)
-        return self.joined(total, _with_bare_names(tree, inner))
+        return self.joined(total, _with_contents(_with_bare_names(tree, inner), inner))
 
     def env_file(self, path: Path, where: Where, variables: Variables) -> None:
         text = self.files.text(path, where, "the env file")
@@ -203,6 +204,18 @@ def _with_bare_names(tree: Node, variables: Variables) -> Node:
         if own:
             found[name] = service.having(environment=environment.having(**own))
     return tree.having(services=services.having(**found)) if found else tree
+
+
+def _with_contents(tree: Node, variables: Variables) -> Node:
+    """Lets configs and secrets of an included file take their contents from its own env files, too."""
+    for kind in ("configs", "secrets"):
+        given = {
+            name: node.having(**{VALUE: said.but(variables.take(said.value, said.where), taken=(said.value,))})
+            for name, node in tree.get(kind).mapping.items()
+            if isinstance((said := node.get("environment")).value, str) and variables.get(said.value) is not None
+        }
+        tree = tree.having(**{kind: tree.get(kind).having(**given)}) if given else tree
+    return tree
 
 
 def apply_resets(base: Node, resets: Node) -> Node:

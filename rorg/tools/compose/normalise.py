@@ -11,7 +11,7 @@ from typing import Any
 from rorg.model.diagnostics import Where
 from rorg.tools.compose.assemble import RESOURCES, Assembler
 from rorg.tools.compose.nodes import Node
-from rorg.tools.compose.project import Place, Project
+from rorg.tools.compose.project import VALUE, Place, Project
 from rorg.tools.compose.variables import Variables, bare, read_env_file
 
 
@@ -84,8 +84,8 @@ def _from_outside(node: Node, variables: Variables) -> Node:
     said = node.get("environment")
     if not isinstance(said.value, str):
         return node
-    variables.take(said.value, said.where)
-    return node.having(environment=said.but(said.value, taken=(said.value,)))
+    value = node.mapping.get(VALUE) or said.but(variables.take(said.value, said.where))
+    return node.having(environment=said.but(said.value, taken=(said.value,)), **{VALUE: value})
 
 
 def _service(node: Node, assembler: Assembler, variables: Variables) -> Node:

@@ -30,7 +30,8 @@ those that a file sets. Short forms are expanded. Per service:
 Everywhere: amounts of memory and rates are int, in bytes; durations are float, in seconds; paths of this machine are
 absolute; `$$` is `$`; `x-` keys are kept as written. Networks and volumes of the top: {name: the engine's name,
 driver?, driver_opts?: {name: str}, labels?, external?: bool, ipam?, internal?, attachable?, enable_ipv6?}; configs and
-secrets: {name, file?: absolute, environment?, content?, external?}. `networks` has `default` if a service is in it.
+secrets: {name, file?: absolute, environment?, VALUE?: the value of that variable, content?, external?}. `networks` has
+`default` if a service is in it.
 
 These are the forms of `docker compose config --format json` of Compose 2.26, except for units, `$$`, `env_file`, and
 services and resources that are not enabled, which that command leaves out.
@@ -47,6 +48,8 @@ from rorg.model.diagnostics import Diagnostic, Where
 
 Place = tuple[str | int, ...]
 """A path in a project: ("services", "nav", "environment", "MAP"), ("services", "nav", "ports", 0, "target")."""
+VALUE = "x-#value"
+"""Key for the value of the variable in `environment` of a config or secret: included files have their own variables."""
 
 
 @dataclass(frozen=True, slots=True)

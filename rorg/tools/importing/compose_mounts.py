@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from rorg.tools.compose.project import VALUE
 from rorg.tools.importing.compose_keys import FILE, SERVICE_FILE
 from rorg.tools.importing.compose_work import SOUND, Step, Work, nonempty, size
 
@@ -94,8 +95,7 @@ def _file(work: Work, section: str, source: str, said: Mapping[str, Any]) -> str
         return ""
     text = said.get("content")
     if said.get("environment"):
-        variable = work.project.variables.get(said["environment"])
-        text = variable.value if variable else None
+        text = said[VALUE]
         if text is None:
             message = f"{section}.{source}: the variable {said['environment']} is not set"
             work.refuse(message, section, source, "environment", remedy=f"{said['environment']}=... before the command")
