@@ -12,6 +12,12 @@ from rorg.model.graph import closure
 from rorg.model.units import format_memory
 
 OUTPUTS = ("-o", "-O", "--output", "--output-prefix", "--output-name")
+ENDS = (
+    *("--max-splits", "--duration", "--max-bag-size", "--max-bag-duration", "-d", "--limit", "-l"),
+    *("--max-bag-files", "--max-record-size", "--max-record-duration", "--snapshot-mode"),
+)
+"""Options of recorders that end a file or the recording."""
+OF_ROS2 = "--max-bag-size, and a job that deletes old files; --max-bag-files does so in new releases"
 MOST_FILES = 1 << 20
 """Python 2 and roslaunch close every descriptor up to the limit for each process that they start."""
 
@@ -81,6 +87,7 @@ def _logs(subject: Subject) -> Iterator[Finding]:
     if logging or subject.ros:
         where = subject.option("logging") if logging else subject.source.where("metadata", "name")
         message = f"the output of '{subject.name}' is kept in one file that grows until the disk is full"
+        message += "" if logging else ", unless the engine's own configuration limits it"
         yield Finding("log-without-limits", where, message)
 
 
@@ -118,10 +125,9 @@ def _bags(subject: Subject) -> Iterator[Finding]:
         words = [w.rpartition("/")[2] for w in command]
         ros1 = "rosbag" in words and "record" in words
         ros2 = "ros2" in words and "bag" in words and "record" in words
-        ends = ("--max-splits", "--duration", "--max-bag-size", "--max-bag-duration", "-d", "--limit", "-l")
-        if (ros1 or ros2) and not any(w.partition("=")[0] in ends for w in words):
+        if (ros1 or ros2) and "timeout" not in words and not any(w.partition("=")[0] in ENDS for w in words):
             message = f"'{subject.name}' records until the disk is full"
-            yield Finding("recording-without-limit", subject.command(), message)
+            yield Finding("recording-without-limit", subject.command(), message, OF_ROS2 if ros2 else "")
 
 
 def _lost_bags(subject: Subject) -> Iterator[Finding]:
