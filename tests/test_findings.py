@@ -110,6 +110,12 @@ def test_hints_are_shown_on_request(tmp_path):
     assert run["results"][0]["level"] == run["tool"]["driver"]["rules"][0]["defaultConfiguration"]["level"] == "note"
 
 
+def test_data_that_a_lone_service_exchanges_with_unknown_ones_is_a_hint(tmp_path, monkeypatch):
+    spec = "image: net:1\ncommand: ros2 run demo talker\ncontainer: {network_mode: host, logging: {driver: local}}\n"
+    monkeypatch.chdir(build(tmp_path, {"net": spec}))
+    assert [(d.code, d.severity) for d in load(Path(".")).diagnostics] == [("ros2-host-net-private-ipc", "hint")]
+
+
 def test_hints_take_no_place_of_a_warning(tmp_path, monkeypatch):
     spec = "image: net:1\ncontainer: {tty: true, privileged: true}\n"
     monkeypatch.chdir(build(tmp_path, {f"s{n}": spec for n in range(MOST_TOLD)}))
@@ -131,11 +137,16 @@ def test_the_socket_of_the_engine_is_told_once_and_nobody_is_told_to_mount_run(t
     [
         ("environment: {NVIDIA_VISIBLE_DEVICES: all}", "unless the engine's default runtime gives it one"),
         ("{network_mode: host, ipc: private}", "if its middleware is Fast DDS"),
+        ("environment: {RMW_IMPLEMENTATION: rmw_cyclonedds_cpp}", "if your image is the same"),
+        ("command: _rate:=10", "unless the program reads it itself"),
+        ("logging: {}", "unless the engine's own configuration limits it"),
+        ('{network_mode: host, environment: {DISPLAY: ":0"}}', "unless the X server has an abstract socket, too"),
     ],
 )
 def test_what_the_image_or_the_engine_may_know_is_told_with_an_if(option, unless, tmp_path, monkeypatch):
-    options = option if option.startswith("{") else f"{{{option}}}"
-    spec = f"image: net:1\ncommand: ros2 run demo talker\ncontainer: {options}\n"
+    words = option.removeprefix("command: ") if option.startswith("command: ") else ""
+    options = "{}" if words else option if option.startswith("{") else f"{{{option}}}"
+    spec = f"image: ros:humble\nprofile: plain\ncommand: ros2 run demo talker {words}\ncontainer: {options}\n"
     monkeypatch.chdir(build(tmp_path, {"net": spec}))
     assert [d.code for d in load(Path(".")).diagnostics if unless in d.message]
 

@@ -19,6 +19,10 @@ from rorg.model.diagnostics import Diagnostic
 from rorg.model.engines import ENGINES
 from rorg.model.image_names import declared
 
+HOST = "host"
+"""The image of services that run as processes of this machine, as `rorg import systemd` writes it. The process engine
+ignores images."""
+
 
 def in_containers(engine: str) -> bool:
     """Whether rorg knows the engine, and its programs run in containers with files of their own."""

@@ -66,7 +66,7 @@ def _ros(subject: Subject) -> Iterator[Finding]:
         if file and "roslaunch" in names and "ros2" not in names:
             yield Finding("launch-file-of-ros2", subject.command(), f"roslaunch reads XML, and {file} is of ROS 2")
         if "ros2" in names and "run" in names and "--ros-args" not in words and (lost := _lost(words)):
-            message = f"without --ros-args in front, '{lost}' sets no parameter"
+            message = f"without --ros-args in front, '{lost}' sets no parameter, unless the program reads it itself"
             yield Finding("ros-args-missing", subject.command(), message)
         model = next((word for word in words if MODELS.fullmatch(word)), "")
         said = "TURTLEBOT3_MODEL" in subject.env or "TURTLEBOT3_MODEL" in subject.script

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 from rorg.manifest.validation.robot import Finding, Robot, each, in_containers
 from rorg.manifest.validation.subject import Subject
-from rorg.model.diagnostics import Where
+from rorg.model.diagnostics import HINT, Where
 
 UNSTABLE = (
     (re.compile(r"/dev/tty(USB|ACM)[0-9]+"), "/dev/serial/by-id/..."),
@@ -72,7 +72,8 @@ def _whole(subject: Subject) -> Iterator[Finding]:
     for mount in subject.mounts if driver is None or not driver.hotplug else ():
         if mount.path == "/dev":
             message = f"'{subject.name}' mounts /dev whole, with the shared memory of this machine"
-            yield Finding("whole-dev-mounted", subject.volume(mount), message)
+            told = HINT if subject.options.get("privileged") else ""  # that it is privileged is told
+            yield Finding("whole-dev-mounted", subject.volume(mount), message, severity=told)
     if host := next((host for host, _ in subject.devices if host.rstrip("/") == "/dev"), ""):
         message = f"'{subject.name}' gets every device that exists when its container is created"
         yield Finding("whole-dev-mounted", subject.device(host), message)
@@ -128,7 +129,8 @@ def _realtime(subject: Subject) -> Iterator[Finding]:
     nice = bool({"SYS_NICE", "ALL"} & caps) or bool(subject.options.get("privileged"))
     if "rtprio" in limits and not nice:
         where = subject.option("ulimits", "rtprio")
-        yield Finding("realtime-without-sys-nice", where, f"'{subject.name}' has rtprio, and not SYS_NICE")
+        message = f"'{subject.name}' has rtprio, and not SYS_NICE: its nice value cannot become negative"
+        yield Finding("realtime-without-sys-nice", where, message)
     elif "SYS_NICE" in caps and "rtprio" not in limits and subject.uid != "0":
         message = f"user {subject.uid} cannot use SYS_NICE: only root keeps capabilities"
         yield Finding("sys-nice-without-rtprio", subject.item("cap_add", "SYS_NICE", "CAP_SYS_NICE"), message)
@@ -184,6 +186,6 @@ def _can(robot: Robot) -> Iterator[Finding]:
 
 CHECKS = (
     _shared,
-    *map(each, (_paths, _whole, _bound, _privileges, _groups, _realtime)),
-    *map(in_containers, (_can, *map(each, (_named, _drivers, _members)))),
+    *map(each, (_paths, _whole, _bound, _privileges, _groups)),
+    *map(in_containers, (_can, *map(each, (_named, _drivers, _members, _realtime)))),
 )

@@ -34,7 +34,8 @@ def _screens(subject: Subject) -> Iterator[Finding]:
     if display.startswith(":") and not any(
         m.target.startswith("/tmp") and "X11" in m.target + m.source for m in subject.mounts
     ):
-        message = f"DISPLAY is {display}, and its socket is not in the container"
+        unless = ", unless the X server has an abstract socket, too" if subject.network == "host" else ""
+        message = f"DISPLAY is {display}, and its socket is not in the container{unless}"
         yield Finding("display-without-x11", subject.variable("DISPLAY"), message)
     elif display.startswith(":") and subject.ipc != "host" and subject.env.get("QT_X11_NO_MITSHM") != "1":
         message = f"'{subject.name}' offers the screen shared memory, and ipc: {subject.ipc} hides it from the server"
@@ -78,6 +79,6 @@ def _files(subject: Subject) -> Iterator[Finding]:
 
 
 CHECKS = (
-    *map(each, (_screens, _gpus)),
-    *(in_containers(each(check)) for check in (_windows, _files)),
+    each(_gpus),
+    *(in_containers(each(check)) for check in (_screens, _windows, _files)),
 )

@@ -8,7 +8,7 @@ import stat
 from collections.abc import Iterator
 
 from rorg.manifest.files import real
-from rorg.manifest.validation.robot import Finding, each
+from rorg.manifest.validation.robot import Finding, Robot, each
 from rorg.manifest.validation.subject import Subject
 from rorg.manifest.validation.texts import named_files, read
 from rorg.model.catalog import RUN
@@ -42,13 +42,16 @@ def _sockets(subject: Subject) -> Iterator[Finding]:
         yield Finding("socket-file-mounted", where, message, remedy, "error" if name == OURS else "warning")
 
 
-def _sources(subject: Subject) -> Iterator[Finding]:
+def _sources(robot: Robot) -> Iterator[Finding]:
     """Missing sources of mounts inside the tree: the engine would create an empty directory."""
-    for mount in _of_tree(subject):
+    told = set[str]()
+    for subject, mount in ((s, m) for s in robot.subjects for m in _of_tree(s)):
         if not os.path.lexists(mount.path):
             message = f"{_shown(subject, mount)} does not exist, and the engine creates an empty directory there"
             data = not mount.read_only and not posixpath.splitext(mount.path)[1]  # an empty directory may be meant
-            yield Finding("missing-mount-source", subject.volume(mount), message, severity=HINT if data else "")
+            severity = HINT if data or mount.path in told else ""
+            told |= set() if data else {mount.path}
+            yield Finding("missing-mount-source", subject.volume(mount), message, severity=severity)
             continue
         dead = next(_dead_links(mount.path), "")
         if dead:
@@ -119,4 +122,4 @@ def _program(subject: Subject, path: str, shown: str) -> Iterator[Finding]:
         yield Finding("script-with-crlf", subject.command(), message)
 
 
-CHECKS = (*map(each, (_sockets, _sources, _hiding, _files)),)
+CHECKS = (_sources, *map(each, (_sockets, _hiding, _files)))

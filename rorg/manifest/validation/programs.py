@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 from rorg.manifest.validation.robot import Finding, Robot, each
 from rorg.manifest.validation.subject import SHELLS, Subject
+from rorg.model.diagnostics import HINT
 from rorg.model.image_names import HUB, declared
 
 ROS1_NAMES, ROS2_NAMES = (
@@ -129,8 +130,9 @@ def _variables(subject: Subject) -> Iterator[Finding]:
         yield Finding("python-output-held-back", subject.command(), message)
     for value in subject.options.get("security_opt") or ():
         if str(value) in ("seccomp=unconfined", "seccomp:unconfined", "systempaths=unconfined"):
-            message = f"{value} allows kernel calls that no robot's program needs"
-            yield Finding("unconfined", subject.item("security_opt", value), message)
+            message = f"{value} allows all kernel calls, also those that Docker refuses to containers"
+            implied = HINT if subject.options.get("privileged") and value.startswith("seccomp") else ""
+            yield Finding("unconfined", subject.item("security_opt", value), message, severity=implied)
 
 
 def _requests(robot: Robot) -> Iterator[Finding]:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
 from rorg.manifest.documents import Source
 from rorg.manifest.files import real
+from rorg.manifest.programs import HOST
 from rorg.manifest.validation.subject import Subject
 from rorg.model.catalog import Catalog
 from rorg.model.diagnostics import Where
@@ -35,6 +36,14 @@ class Robot:
         return tuple(
             Subject(services[n], s, tops[s.root]) for n, s in sorted(written.items()) if services[n].spec is not None
         )
+
+    @cached_property
+    def in_containers(self) -> Robot:
+        """The robot without services that only the process engine can run."""
+        if all(s.options.get("image") != HOST for s in self.subjects):
+            return self
+        kept = {s.name: s.source for s in self.subjects if s.options.get("image") != HOST}
+        return replace(self, sources={**self.sources, "Service": kept})
 
     @cached_property
     def by_name(self) -> Mapping[str, Subject]:
@@ -118,7 +127,7 @@ def each(check: Callable[[Subject], Iterator[Finding]]) -> Check:
 
 def in_containers(check: Check) -> Check:
     """A check that only holds for programs in containers."""
-    return lambda robot: check(robot) if robot.contained else iter(())
+    return lambda robot: check(robot.in_containers) if robot.contained else iter(())
 
 
 def minority(subjects: Collection[Subject], values: Mapping[str, str]) -> list[tuple[Subject, str]]:

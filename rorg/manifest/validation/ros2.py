@@ -10,6 +10,7 @@ from rorg.manifest.validation.robot import Finding, Robot, each, minority
 from rorg.manifest.validation.subject import Subject
 from rorg.manifest.validation.texts import text_of
 from rorg.manifest.validation.variables import RMW
+from rorg.model.diagnostics import HINT
 from rorg.model.ros import RELEASES
 
 MOST_DOMAIN = 232
@@ -114,13 +115,14 @@ def _sharers(robot: Robot) -> dict[str, list[Subject]]:
 def _memory(robot: Robot) -> Iterator[Finding]:
     sharers = _sharers(robot)
     alone = {name for name, members in sharers.items() if [s.name for s in members] == [name]}
+    only = len(robot.ros2) == 1  # with whom it exchanges data, if with anyone, is not in the tree
     for name in sorted(alone)[:1]:
         (subject,) = sharers[name]
         others = ", ".join(f"'{other}'" for other in sorted(alone)[1:])
         beside = f", as {others} are" if others else ""
         message = f"'{name}' is on the host's network with shared memory of its own{beside}: no data passes to or "
         message += f"from others{_unsaid(subject)}"
-        yield Finding("ros2-host-net-private-ipc", subject.option("ipc"), message)
+        yield Finding("ros2-host-net-private-ipc", subject.option("ipc"), message, severity=HINT if only else "")
     together = {s: whose for whose, members in sharers.items() if whose not in alone for s in members}
     values = {s.name: whose for s, whose in together.items()}
     for subject, usual in minority(together, values):
@@ -167,7 +169,8 @@ def _missing(subject: Subject) -> Iterator[Finding]:
     name, env = str(subject.options.get("image") or ""), subject.env
     rmw = env.get("RMW_IMPLEMENTATION", "")
     if BARE.match(name) and rmw in RMW and rmw not in SHARED and not re.search(r"\bapt(-get)?\b", subject.script):
-        message = f"'{name}' has no {rmw}: no node starts"
+        message = f"the official '{name}' has only Fast DDS: if your image is the same, it lacks {rmw}, and no node "
+        message += "starts"
         yield Finding("rmw-not-in-image", subject.variable("RMW_IMPLEMENTATION"), message)
     far = next((n for n in ("ROS_DISCOVERY_SERVER", "ROS_STATIC_PEERS") if REMOTE.search(env.get(n, ""))), "")
     if far and env.get("ROS_LOCALHOST_ONLY") == "1":

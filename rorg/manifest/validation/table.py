@@ -130,7 +130,7 @@ shm-too-small: A participant without shared memory dies of SIGBUS, or sends noth
   try shm_size: 256Mi
 zenoh-without-router: Without a router, nodes of Zenoh do not find each other.
   try a Service with ros2 run rmw_zenoh_cpp rmw_zenohd
-rmw-not-in-image: Every ROS 2 program ends immediately.
+rmw-not-in-image: Without its middleware, every ROS 2 program ends immediately.
   try rmw_fastrtps_cpp, or an image with the package of that middleware
 ros2-local-with-remote-server: Nodes that are limited to their machine do not reach others.
   try ROS_LOCALHOST_ONLY: "0"
@@ -165,7 +165,8 @@ group-not-in-image: The engine refuses to start a container with an unknown grou
   try the group's number on this machine (`getent group NAME`)
 can-without-host-network: The interface of a CAN bus is part of the host's network.
   try network_mode: host
-realtime-without-sys-nice: Limits alone do not let a container's root raise its priority; SYS_NICE does.
+realtime-without-sys-nice (hint): The limit allows SCHED_FIFO and SCHED_RR. Only SYS_NICE allows a negative nice value,
+  a higher priority than the limit, and changes of other users' processes.
   try driver: {realtime: true}
 sys-nice-without-rtprio: Only root's programs keep capabilities; others have only limits.
   try driver: {realtime: true}
@@ -216,7 +217,7 @@ source-in-sh: Programs of ROS are not found.
   try bash instead of sh
 launch-file-of-ros2: The program ends immediately.
   try ros2 launch, or a launch file of ROS 1
-ros-args-missing: The node runs with its defaults.
+ros-args-missing: The node runs with its defaults, if it does not read its arguments itself.
   try --ros-args before it
 turtlebot3-without-model: The launch file ends with KeyError, or finds no robot description.
   try environment: {TURTLEBOT3_MODEL: burger}

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from rorg.errors import advice
+from rorg.manifest.programs import HOST
 from rorg.manifest.yaml_text import Noted
 from rorg.model.diagnostics import Diagnostic, Where
 from rorg.model.units import format_duration
@@ -16,8 +17,6 @@ from rorg.tools.importing.manifests import NOTE, Made
 from rorg.tools.importing.systemd_command import Line, shell_line, words_of
 from rorg.tools.importing.systemd_unit import DECIMAL, Unit, number_of, seconds_of, with_specifiers
 
-HOST = "host"
-"""The image of services that run as processes of this machine. The process engine ignores images."""
 RUN = ("ExecStart", "ExecStartPre", "Environment", "EnvironmentFile", "WorkingDirectory", "User", "Group")
 """Keys whose values the program sees."""
 TARGETS = ("multi-user.target", "graphical.target", "default.target")
