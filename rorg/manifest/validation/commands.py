@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 
 from rorg.manifest.validation.robot import Finding, each, in_containers
-from rorg.manifest.validation.subject import Subject
+from rorg.manifest.validation.subject import BEFORE, SHELLS, Subject
 from rorg.manifest.validation.texts import text_of
 
 TRANSPARENT = frozenset(("ros_entrypoint.sh", "tini", "docker-init", "dumb-init", "env"))
@@ -92,6 +92,21 @@ def _terminals(subject: Subject) -> Iterator[Finding]:
         yield Finding("keyboard-without-terminal", subject.command(), message)
 
 
+def _shells(subject: Subject) -> Iterator[Finding]:
+    """Shells without a script and without a terminal: they read the end of their input, and end."""
+    options = subject.options
+    if options.get("tty") or options.get("stdin_open") or "|" in subject.script:
+        return
+    last = [w for w in subject.commands[-1] if w.rpartition("/")[2] not in BEFORE | TRANSPARENT and w[0:1] != "-"]
+    image = str(options.get("image") or "")
+    if len(last) == 1 and last[0].rpartition("/")[2] in SHELLS:
+        message = f"'{last[0]}' has no script and no terminal, and ends immediately"
+        yield Finding("shell-without-terminal", subject.command(), message)
+    elif not subject.words and OFFICIAL.match(image):
+        message = f"the program of the official '{image}' is bash, which ends immediately without a terminal"
+        yield Finding("shell-without-terminal", subject.at("image"), f"{message}, unless your image has another")
+
+
 def _probes(subject: Subject) -> Iterator[Finding]:
     """Probes that never hold: of output that the engine does not keep, or at a port with its digits swapped."""
     silent = (subject.options.get("logging") or {}).get("driver") == "none"
@@ -113,4 +128,7 @@ def _swapped(subject: Subject, port: str) -> str:
     return alike[0] if len(alike) == 1 and port not in text_of(subject) and not other else ""
 
 
-CHECKS = (*map(each, (_scripts, _ros, _probes)), *(in_containers(each(check)) for check in (_in_one_word, _terminals)))
+CHECKS = (
+    *map(each, (_scripts, _ros, _probes)),
+    *(in_containers(each(check)) for check in (_in_one_word, _terminals, _shells)),
+)

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from rorg.manifest.validation.robot import Finding, Robot, each, minority
 from rorg.manifest.validation.subject import Subject
 from rorg.manifest.validation.texts import text_of
-from rorg.manifest.validation.variables import RMW
+from rorg.manifest.validation.variables import QUOTED, RMW
 from rorg.model.diagnostics import HINT
 from rorg.model.ros import RELEASES
 
@@ -54,6 +54,8 @@ def _single(robot: Robot) -> Iterator[Finding]:
     for subject in robot.ros2:
         text = subject.env.get("ROS_DOMAIN_ID") or "0"
         where, size = subject.variable("ROS_DOMAIN_ID"), subject.options.get("shm_size")
+        if QUOTED.fullmatch(text):
+            continue  # quoted-variable says why it is no number
         if not re.fullmatch("[0-9]{1,9}", text) or int(text) > MOST_DOMAIN:
             message = f"ROS_DOMAIN_ID {text} is no number from 0 to {MOST_DOMAIN}: no node starts"
             yield Finding("ros2-domain-range", where, message)

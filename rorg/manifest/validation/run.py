@@ -20,6 +20,7 @@ from rorg.manifest.validation import (
     ros2,
     stopping,
     variables,
+    workspaces,
 )
 from rorg.manifest.validation.codes import CODES
 from rorg.manifest.validation.robot import Check, Finding, Robot
@@ -27,7 +28,10 @@ from rorg.manifest.yaml_source import Allow
 from rorg.model.catalog import Catalog
 from rorg.model.diagnostics import Diagnostic, Where, nearest
 
-FAMILIES = (*(networks, stopping, idle, ros1, ros2, devices, displays, mounts, limits, programs, commands, variables),)
+FAMILIES = (
+    *(networks, stopping, idle, ros1, ros2, devices, displays, mounts, workspaces, limits, programs, commands),
+    variables,
+)
 CHECKS: tuple[Check, ...] = tuple(check for family in FAMILIES for check in family.CHECKS)
 
 

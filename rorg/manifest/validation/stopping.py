@@ -5,14 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from contextlib import suppress
-from pathlib import Path
 
 from rorg.manifest.dockerfile_lines import DockerfileError
 from rorg.manifest.dockerfile_programs import Programs
 from rorg.manifest.images import read_dockerfile
 from rorg.manifest.validation.robot import Finding, Robot, each
 from rorg.manifest.validation.subject import Subject
-from rorg.manifest.validation.texts import read
+from rorg.manifest.validation.texts import text_of_dockerfile
 from rorg.model.image_names import declared
 
 ENGINE_RESTARTS = ("always", "unless-stopped", "on-failure")
@@ -106,7 +105,7 @@ def _programs(robot: Robot, name: str) -> Programs:
     while name and name not in seen:
         seen.add(name)
         image = robot.catalog.images[name]
-        text = image.inline or read(f"{image.context}/{image.dockerfile}", Path(image.context)) if image.context else ""
+        text = text_of_dockerfile(image)
         with suppress(DockerfileError):
             found = found.on(read_dockerfile(text, image).programs)
             name = declared(found.base, robot.catalog.images)

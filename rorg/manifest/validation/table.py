@@ -195,6 +195,8 @@ mount-not-writable (machine): Its logs, bags or maps are lost.
   try another owner of the directory
 mount-over-system: The image's own programs disappear.
   try a directory of its own inside
+mount-over-workspace: ROS does not find the packages, or the container ends with "setup.bash: no such file".
+  try a mount below src only
 whole-host-mounted: A mistake in it deletes the machine's files.
   try the one directory, or :ro
 missing-file: The program ends immediately, at every start.
@@ -207,6 +209,8 @@ shell-words-without-shell: rorg splits a command into words and runs no shell.
   try command: [bash, -c, "..."] with exec before the last program
 program-in-background: The container keeps running and counts as ready when half of it is gone.
   try a Service of its own for each program
+shell-without-terminal: The shell finds no input and ends; rorg starts it again and again.
+  try command: sleep infinity, or tty: true and stdin_open: true
 sudo-without-privileges: The command fails immediately.
   try user: root, and no sudo
 command-in-one-word: The container cannot start: no such file or directory.
@@ -263,6 +267,8 @@ misspelt-image: The image does not exist, and the service waits forever.
   try the Image's name
 misspelt-variable: A misspelt variable silently has no effect.
   try its right name
+quoted-variable: The program gets the quotes too: no number, no address, no file.
+  try to drop the quotes
 costly-probe: A dozen of these use a whole core.
   try ros_node, ros_topic or ros_service, which cost 2 ms
 ready-without-healthcheck: It never becomes ready.

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 
 from rorg.manifest.files import read_text
 from rorg.manifest.validation.subject import Subject
+from rorg.model.catalog import Image
 
 MOST = 128 << 10
 """Maximum number of bytes read from one file."""
@@ -58,6 +59,11 @@ def read(path: str, root: Path) -> str:
     except (OSError, ValueError):
         return ""
     return _read(path, str(root), (found.st_mtime_ns, found.st_size))
+
+
+def text_of_dockerfile(image: Image) -> str:
+    """The text of an Image's Dockerfile; empty if it has none that can be read."""
+    return image.inline or (read(f"{image.context}/{image.dockerfile}", Path(image.context)) if image.context else "")
 
 
 def inside(subject: Subject, word: str) -> str:

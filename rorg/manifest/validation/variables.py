@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterator
 from functools import lru_cache
 
@@ -21,6 +22,7 @@ RMW_IMPLEMENTATION RCUTILS_COLORIZED_OUTPUT RCUTILS_CONSOLE_OUTPUT_FORMAT RCUTIL
 RCUTILS_LOGGING_USE_STDOUT ROSCONSOLE_FORMAT ROSCONSOLE_CONFIG_FILE FASTRTPS_DEFAULT_PROFILES_FILE
 FASTDDS_DEFAULT_PROFILES_FILE FASTDDS_BUILTIN_TRANSPORTS CYCLONEDDS_URI AMENT_PREFIX_PATH CMAKE_PREFIX_PATH"""
 KNOWN = tuple(_KNOWN.split())
+QUOTED = re.compile(r"\"[^\"]*\"|'[^']*'")
 BEGINS = ("RO", "RM", "RSO", "RC", "FAST", "CYC", "AMENT", "CMAKE")
 RMW = (
     *("rmw_fastrtps_cpp", "rmw_fastrtps_dynamic_cpp", "rmw_cyclonedds_cpp", "rmw_connextdds", "rmw_connext_cpp"),
@@ -44,11 +46,18 @@ def _like(name: str) -> str:
     return next(iter(difflib.get_close_matches(name, KNOWN, 1, ALIKE)), "")
 
 
+def _quotes(subject: Subject) -> Iterator[Finding]:
+    """Values in quotes, which only a shell or a dotenv file would remove."""
+    for name in sorted(name for name, value in subject.env.items() if QUOTED.fullmatch(value)):
+        message = f"the value of {name} begins and ends with a quotation mark, which is part of it"
+        yield Finding("quoted-variable", subject.variable(name), message)
+
+
 def _implementations(robot: Robot) -> Iterator[Finding]:
     for subject in robot.ros2:
         value = subject.env.get("RMW_IMPLEMENTATION", "")
         close = difflib.get_close_matches(value, RMW, 1, 0.7)
-        if value and value not in RMW and close:
+        if value and value not in RMW and close and not QUOTED.fullmatch(value):
             message = f"there is no RMW implementation '{value}'"
             yield Finding("misspelt-rmw", subject.variable("RMW_IMPLEMENTATION"), message, close[0])
 
@@ -64,4 +73,4 @@ def _images(robot: Robot) -> Iterator[Finding]:
             yield Finding("misspelt-image", subject.at("image"), message, f"'{close}'")
 
 
-CHECKS = (_implementations, _images, *map(each, (_names,)))
+CHECKS = (_implementations, _images, *map(each, (_names, _quotes)))
