@@ -25,11 +25,12 @@ LIMBS = re.compile(r"(?<![a-z])(arms?|base|chassis|drive|hands?|legs?|lift|manip
 """Names of drivers that move something. Other services use these words too, so only drivers count."""
 NEVER = 86_400.0
 """Seconds. A longer delay means: never ready while it runs."""
+DISCOVERY = "a discovery server"
 INFRASTRUCTURE = {
     "roscore": "the ROS master",
     "rosmaster": "the ROS master",
-    "fast-discovery-server": "a discovery server",
-    "fastdds": "a discovery server",
+    "fast-discovery-server": DISCOVERY,
+    "fastdds": DISCOVERY,
     "rmw_zenohd": "a router",
     "zenohd": "a router",
     "rosbridge_websocket": "a bridge",

@@ -6,11 +6,12 @@ import re
 from collections.abc import Iterator
 from itertools import combinations
 
-from rorg.manifest.validation.idle import INFRASTRUCTURE
+from rorg.manifest.validation.idle import DISCOVERY, INFRASTRUCTURE
 from rorg.manifest.validation.robot import Finding, Robot
 from rorg.manifest.validation.subject import Subject
 from rorg.manifest.validation.texts import names_in, names_of_nodes, ports_named, ports_of, text_of, texts_of
 from rorg.model.diagnostics import Where
+from rorg.model.joining import SERVICE
 
 CLOCKS = re.compile(r"(?<![\w-])(gazebo|gzserver|stageros|--clock|/clock|webots|ign|gz)\b")
 """Words that identify programs which publish simulated time."""
@@ -63,14 +64,18 @@ def _need(subject: Subject, name: str) -> Where:
 def _unprobed(robot: Robot) -> Iterator[Finding]:
     """Needed services without `ready` count as ready as soon as their process exists; they answer later."""
     needed = {n for s in robot.subjects for n in s.service.needs}
+    # A port that the owner of a joined network publishes may be that of any service in it.
+    joined = {robot.whose(s, "network_mode") for s in robot.subjects if s.network.startswith(SERVICE)}
     for subject in robot.subjects:
         if subject.name not in needed or subject.service.ready is not None:
             continue
         what = next((INFRASTRUCTURE[p] for p in sorted(subject.programs) if p in INFRASTRUCTURE), "")
-        if what or any(not str(port).endswith("/udp") for port in subject.options.get("ports") or ()):
+        ports = subject.options.get("ports") or () if subject.name not in joined else ()
+        if what or any(not str(port).endswith("/udp") for port in ports):
             who = f"'{subject.name}' is {what}" if what else f"'{subject.name}' has ports that others reach"
             message = f"{who}, and those that need it start before it answers"
-            yield Finding("needed-without-ready", subject.source.where("metadata", "name"), message)
+            udp = "ready: {log: TEXT}, because a tcp probe cannot ask a port of UDP" if what == DISCOVERY else ""
+            yield Finding("needed-without-ready", subject.source.where("metadata", "name"), message, udp)
 
 
 def _times(robot: Robot) -> Iterator[Finding]:

@@ -121,7 +121,7 @@ def _memory(robot: Robot) -> Iterator[Finding]:
     for name in sorted(alone)[:1]:
         (subject,) = sharers[name]
         others = ", ".join(f"'{other}'" for other in sorted(alone)[1:])
-        beside = f", as {others} are" if others else ""
+        beside = f", as {others} {'are' if len(alone) > 2 else 'is'}" if others else ""
         message = f"'{name}' is on the host's network with shared memory of its own{beside}: no data passes to or "
         message += f"from others{_unsaid(subject)}"
         yield Finding("ros2-host-net-private-ipc", subject.option("ipc"), message, severity=HINT if only else "")
