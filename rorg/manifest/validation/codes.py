@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from rorg.errors import advice
-from rorg.manifest.validation.table import TEXT
+from rorg.manifest.validation import table, table_of_containers
 
 
 class Code(NamedTuple):
@@ -47,6 +47,6 @@ def _read(text: str) -> dict[str, dict[str, Code]]:
     return table
 
 
-TABLE: Mapping[str, Mapping[str, Code]] = _read(TEXT)
+TABLE: Mapping[str, Mapping[str, Code]] = _read(table.TEXT + table_of_containers.TEXT.lstrip())
 """By family: the sections of the reference page."""
 CODES: Mapping[str, Code] = {name: code for family in TABLE.values() for name, code in family.items()}
