@@ -110,6 +110,14 @@ def test_hints_are_shown_on_request(tmp_path):
     assert run["results"][0]["level"] == run["tool"]["driver"]["rules"][0]["defaultConfiguration"]["level"] == "note"
 
 
+def test_a_program_of_ros2_with_the_address_of_a_master_is_not_called_one_of_ros1(tmp_path, monkeypatch):
+    both = "image: ros:humble\ncommand: ros2 run demo talker\ncontainer: {environment: {ROS_MASTER_URI: 'http://a:11311'}}\n"
+    core = "image: ros:noetic\ncommand: roscore\nready: {tcp: 11311}\nprofile: ros1\n"
+    monkeypatch.chdir(build(tmp_path, {"both": both, "roscore": core}))
+    (found,) = (d for d in load(Path(".")).diagnostics if d.code == "ros1-without-roscore")
+    assert found.message.startswith("'both' has the address of a ROS master, and does not need 'roscore'")
+
+
 def test_data_that_a_lone_service_exchanges_with_unknown_ones_is_a_hint(tmp_path, monkeypatch):
     spec = "image: net:1\ncommand: ros2 run demo talker\ncontainer: {network_mode: host, logging: {driver: local}}\n"
     monkeypatch.chdir(build(tmp_path, {"net": spec}))

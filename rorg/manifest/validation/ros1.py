@@ -42,7 +42,8 @@ def _needing(robot: Robot) -> Iterator[Finding]:
         waits = "roslaunch" not in subject.programs or any(WAITS.search(word) for word in subject.words)
         if not mine:
             first = next(iter(masters))
-            message = f"'{subject.name}' is a program of ROS 1, and does not need '{first}'"
+            known = "has the address of a ROS master" if subject.ros2 else "is a program of ROS 1"
+            message = f"'{subject.name}' {known}, and does not need '{first}'"
             where = subject.at("needs") if subject.service.needs else subject.source.where("metadata", "name")
             yield Finding("ros1-without-roscore", where, message, f"profile: ros1, or needs: [{first}]")
         elif names.isdisjoint(subject.service.restarts_with) and not names.isdisjoint(subject.service.needs):
