@@ -116,6 +116,7 @@ def test_a_program_of_ros2_with_the_address_of_a_master_is_not_called_one_of_ros
     monkeypatch.chdir(build(tmp_path, {"both": both, "roscore": core}))
     (found,) = (d for d in load(Path(".")).diagnostics if d.code == "ros1-without-roscore")
     assert found.message.startswith("'both' has the address of a ROS master, and does not need 'roscore'")
+    assert found.remedy == "needs: [roscore]"
 
 
 def test_data_that_a_lone_service_exchanges_with_unknown_ones_is_a_hint(tmp_path, monkeypatch):

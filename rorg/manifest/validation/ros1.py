@@ -43,9 +43,10 @@ def _needing(robot: Robot) -> Iterator[Finding]:
         if not mine:
             first = next(iter(masters))
             known = "has the address of a ROS master" if subject.ros2 else "is a program of ROS 1"
+            profile = "" if subject.ros2 else "profile: ros1, or "
             message = f"'{subject.name}' {known}, and does not need '{first}'"
             where = subject.at("needs") if subject.service.needs else subject.source.where("metadata", "name")
-            yield Finding("ros1-without-roscore", where, message, f"profile: ros1, or needs: [{first}]")
+            yield Finding("ros1-without-roscore", where, message, f"{profile}needs: [{first}]")
         elif names.isdisjoint(subject.service.restarts_with) and not names.isdisjoint(subject.service.needs):
             message = f"a restarted '{mine[0].name}' knows nothing of '{subject.name}', which keeps running"
             remedy = f"needs: [{{service: {mine[0].name}, restart: true}}], or profile: ros1"

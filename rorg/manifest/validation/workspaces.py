@@ -7,6 +7,7 @@ import posixpath
 import re
 from collections.abc import Iterator
 from contextlib import suppress
+from functools import lru_cache
 
 from rorg.manifest.dockerfile_lines import DockerfileError, script
 from rorg.manifest.images import read_dockerfile
@@ -22,6 +23,7 @@ RESULTS = ("install", "devel")
 """Directories that a build makes in its workspace."""
 
 
+@lru_cache(maxsize=256)
 def built(text: str, target: str = "") -> frozenset[str]:
     """The workspaces that a stage of a Dockerfile builds; the last stage if `target` is empty. Paths with variables are
     unknown and left out."""
