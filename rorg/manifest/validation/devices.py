@@ -72,7 +72,7 @@ def _whole(subject: Subject) -> Iterator[Finding]:
     for mount in subject.mounts if driver is None or not driver.hotplug else ():
         if mount.path == "/dev":
             message = f"'{subject.name}' mounts /dev whole, with the shared memory of this machine"
-            told = HINT if subject.options.get("privileged") else ""  # that it is privileged is told
+            told = HINT if subject.options.get("privileged") else ""  # the finding `privileged` covers it
             yield Finding("whole-dev-mounted", subject.volume(mount), message, severity=told)
     if host := next((host for host, _ in subject.devices if host.rstrip("/") == "/dev"), ""):
         message = f"'{subject.name}' gets every device that exists when its container is created"
