@@ -104,7 +104,7 @@ def test_a_dockerfile_that_changes_is_read_anew(tmp_path):
     found = []
     before = images(tmp_path, {"robot": "FROM a"})
     (tmp_path / "robot/Dockerfile").write_text("FROM b")
-    after = load(tmp_path / "tree", found=found.append)
+    after = load(tmp_path / "tree", on_inputs=found.append)
     assert after.catalog.images["robot"].bases == ("b",)
     assert after.catalog.fingerprint != before.catalog.fingerprint
     assert {path.resolve() for path in found[0].files} == {tmp_path / "robot/Dockerfile"}

@@ -55,7 +55,7 @@ def load_at(tree: Tree, rev: str) -> CommitTree:
         manifests = [*tree_files(root, tree.robot), *stray_files(root)]
         mirror.bring(manifests, contents.MOST_FILES, contents.MOST_BYTES)
         robot = robot_for(there, tree.named, tree.host)
-        loaded = load(there, found=lambda inputs: _bring_inputs(mirror, inputs), engine=tree.engine, robot=robot)
+        loaded = load(there, on_inputs=lambda inputs: _bring_inputs(mirror, inputs), engine=tree.engine, robot=robot)
         tree.masker.learn(loaded.read)
         if loaded.catalog is None:
             lines = "\n".join(map(str, loaded.errors))

@@ -255,7 +255,7 @@ class Tree:
             stamps.append((stamp[0], *self.stamp()[1:]))
 
         try:
-            loaded = load(self.root, found=found, engine=self.engine, robot=self.robot)
+            loaded = load(self.root, on_inputs=found, engine=self.engine, robot=self.robot)
             loaded = replace(loaded, catalog=self.adapt(loaded.catalog)) if loaded.catalog else loaded
         except RorgError as error:
             loaded = Loaded(None, (Diagnostic(Where(str(self.root)), str(error)),))

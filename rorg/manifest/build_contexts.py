@@ -42,18 +42,18 @@ class _Wrong(Exception):
 
 def contexts_of(source: Source, services: Mapping[str, Service], images: Collection[str]) -> Reading[Contexts]:
     """Reads the additional contexts of an Image. `images` are the names of all Images of the tree."""
-    found = Contexts()
+    contexts = Contexts()
     for name, value in source.spec.additional_contexts.items():
         try:
-            found.stands_for[plain(name)] = _reference(found, source, name, value, services, images)
+            contexts.stands_for[plain(name)] = _reference(contexts, source, name, value, services, images)
         except _Wrong as wrong:
             where, (message, remedy) = source.where("spec", "additional_contexts", name), wrong.args
             yield Diagnostic(where, f"additional_contexts.{name}: {message}", remedy)
-    return found
+    return contexts
 
 
 def _reference(
-    found: Contexts, source: Source, name: str, value: str, services: Mapping[str, Service], images: Collection[str]
+    contexts: Contexts, source: Source, name: str, value: str, services: Mapping[str, Service], images: Collection[str]
 ) -> str:
     """The reference of the image that a context is, or becomes. Raises _Wrong."""
     if match := REFERENCE.fullmatch(value):
@@ -70,10 +70,10 @@ def _reference(
         return used[service]
     if REMOTE.match(value):
         raise _Wrong(f"rorg cannot build from '{value}' on any engine", TAKEN)
-    return declared(value, images) or _directory(found, source, name, value, images)
+    return declared(value, images) or _directory(contexts, source, name, value, images)
 
 
-def _directory(found: Contexts, source: Source, name: str, value: str, images: Collection[str]) -> str:
+def _directory(contexts: Contexts, source: Source, name: str, value: str, images: Collection[str]) -> str:
     """Makes an Image from a directory and returns its name. Raises _Wrong."""
     path = str(real(source.directory / os.path.expanduser(value)))
     if not os.path.isdir(path):
@@ -83,30 +83,30 @@ def _directory(found: Contexts, source: Source, name: str, value: str, images: C
         check_name(called)
     except ValueError:
         raise _Wrong(f"'{name}' cannot name a context", "small letters and digits") from None
-    if called in images or called in found.made:
+    if called in images or called in contexts.made:
         raise _Wrong(f"its files become the image '{called}', which already exists", "another name for one of the two")
     where, folder = source.where("spec", "additional_contexts", name), str(real(source.directory))
-    found.made[called] = Image(called, path, "Dockerfile", {}, None, folder, where, inline=FILES)
+    contexts.made[called] = Image(called, path, "Dockerfile", {}, None, folder, where, inline=FILES)
     return called
 
 
 def stood_in(
-    image: Image, source: Source, whole: Dockerfile, uses: tuple[Use, ...], found: Contexts
+    image: Image, source: Source, whole: Dockerfile, uses: tuple[Use, ...], contexts: Contexts
 ) -> Reading[tuple[Image, tuple[Use, ...]]]:
     """Replaces the names of contexts in the image and in its uses. `whole` is the complete Dockerfile, even if only
     some stages are built. Reports names that nothing uses, and refuses the name of a stage: Docker would use the
     context in its place, and not every builder can."""
     names = {
-        use.reference: found.stands_for[plain(use.reference)]
+        use.reference: contexts.stands_for[plain(use.reference)]
         for use in uses
-        if plain(use.reference) in found.stands_for
+        if plain(use.reference) in contexts.stands_for
     }
     for name in source.spec.additional_contexts:
         where = source.where("spec", "additional_contexts", name, key=True)
         if name.lower() in map(str.lower, whole.stages):
             message = f"additional_contexts.{name}: {image.dockerfile} has a stage of that name"
             yield Diagnostic(where, message, "another name for one of the two")
-        elif plain(name) in found.stands_for and plain(name) not in {plain(use.reference) for use in whole.uses}:
+        elif plain(name) in contexts.stands_for and plain(name) not in {plain(use.reference) for use in whole.uses}:
             message = f"{image.dockerfile} uses no '{name}', so this changes nothing"
             yield Diagnostic(where, message, f"COPY --from={name} in it", "warning")
     used = tuple(replace(use, reference=names.get(use.reference, use.reference)) for use in uses)
@@ -115,14 +115,14 @@ def stood_in(
 
 def cache_of(source: Source) -> Reading[tuple[str, ...]]:
     """Returns images whose layers a build may use. They do not change the result of the build."""
-    found = []
+    images = []
     for index, value in enumerate(source.spec.cache_from):
         match = CACHE.fullmatch(value)
         try:
             check_image(match[1] if match else value)
-            found.append(match[1] if match else value)
+            images.append(match[1] if match else value)
         except ValueError:
             where = source.where("spec", "cache_from", index)
             message = f"cache_from: '{value}' is not an image, and rorg takes layers from nothing else"
             yield Diagnostic(where, message, "name:tag, or type=registry,ref=name:tag")
-    return tuple(found)
+    return tuple(images)

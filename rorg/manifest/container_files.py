@@ -28,8 +28,8 @@ NO_FILES = ("unconfined", "builtin")
 
 def seccomp_file(value: str) -> str:
     """The file that a value of security_opt names; empty if it names none."""
-    found = re.fullmatch(r"seccomp[=:](.+)", value, re.DOTALL)
-    return found[1] if found and found[1] not in NO_FILES else ""
+    match = re.fullmatch(r"seccomp[=:](.+)", value, re.DOTALL)
+    return match[1] if match and match[1] not in NO_FILES else ""
 
 
 def seccomp_sent(source: Source, values: list[str]) -> Generator[Clash, None, list[str]]:

@@ -155,21 +155,23 @@ class _Reading:
                 yield from (word.partition("=")[0] for word in words)
 
     def _stages(self) -> list[_Stage]:
-        found: list[_Stage] = []
+        stages: list[_Stage] = []
         for instruction in self.file.instructions:
             if instruction.name == "FROM":
-                found.append(_stage(instruction))
-            elif found:
-                found[-1].sources.extend((instruction.name, token) for token in _sources(instruction))
+                stages.append(_stage(instruction))
+            elif stages:
+                stages[-1].sources.extend((instruction.name, token) for token in _sources(instruction))
                 if instruction.name in ("ENTRYPOINT", "CMD"):
-                    found[-1].programs[instruction.name] = Program(instruction.name, instruction.arguments.text.strip())
+                    stages[-1].programs[instruction.name] = Program(
+                        instruction.name, instruction.arguments.text.strip()
+                    )
             elif instruction.name == "ARG":
                 self._argument(instruction)
             else:
                 raise DockerfileError(f"{instruction.name[:40]} before the first FROM", instruction.line)
-        if not found:
+        if not stages:
             raise DockerfileError("it has no FROM", 1)
-        return found
+        return stages
 
     def _last(self) -> int:
         if not self.target:
@@ -211,14 +213,14 @@ class _Reading:
         if token.text == NO_IMAGE:
             return -1
         if by == "COPY" and INDEX.fullmatch(name):
-            found: int | None = int(name)
+            index: int | None = int(name)
             if not 0 <= int(name) < len(self.stages):
                 raise self._error(f"invalid stage index {token.text}", token)
         else:
-            found = seen.get(name, self.first.get(name))
-        if found == at:
+            index = seen.get(name, self.first.get(name))
+        if index == at:
             raise self._error(f"{by} refers to its own stage {token.text}", token)
-        return found
+        return index
 
     def _line(self, token: Token) -> int:
         return bisect(self.ends, token.places[0]) + 1

@@ -107,19 +107,19 @@ def _lines(text: str) -> Iterator[_Line]:
 
 def _directives(lines: Sequence[_Line]) -> tuple[str, bool]:
     """Returns the escape character, and whether there is a syntax line. Directives end at the first other line."""
-    found: dict[str, str] = {}
+    directives: dict[str, str] = {}
     for line in lines:
         text = line.text.text.lstrip(SPACES)
         key, _, value = (part.strip(SPACES) for part in text[1:].partition("="))
         key = key.lower()
         if not text.startswith("#") or key not in DIRECTIVES or not value:
             break
-        if key in found:
+        if key in directives:
             raise DockerfileError(f"only one {key} parser directive can be used", line.number)
         if key == "escape" and value not in ("\\", "`"):
             raise DockerfileError(f"the escape character is \\ or `, not {value}", line.number)
-        found[key] = value
-    return found.get("escape", "\\"), "syntax" in found
+        directives[key] = value
+    return directives.get("escape", "\\"), "syntax" in directives
 
 
 def _instructions(rest: Iterator[_Line], escape: str) -> Iterator[Instruction]:
@@ -164,7 +164,7 @@ def _first_word(whole: Token) -> tuple[str, Token]:
 def _flags(arguments: Token) -> tuple[list[Token], Token]:
     """Returns the leading words that start with "--", without quotes, and the rest. In them, \\ always escapes, even if
     the file has another escape character."""
-    found: list[Token] = []
+    flags: list[Token] = []
     text, at = arguments.text, 0
     while text.startswith("--", at):
         kept: list[tuple[int, str]] = []
@@ -182,8 +182,8 @@ def _flags(arguments: Token) -> tuple[list[Token], Token]:
         at = next((place for place in range(at, len(text)) if text[place] not in SPACES), len(text))
         if word == "--":
             break
-        found.append(Token(word, [arguments.places[place] for place, _ in kept], [quote for _, quote in kept]))
-    return found, arguments.part(at)
+        flags.append(Token(word, [arguments.places[place] for place, _ in kept], [quote for _, quote in kept]))
+    return flags, arguments.part(at)
 
 
 def _heredocs(text: str) -> list[tuple[str, bool]]:

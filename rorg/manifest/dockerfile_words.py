@@ -51,14 +51,14 @@ class Lexer:
 
     def words(self) -> list[str]:
         """Like filled(), but split at spaces outside quotes."""
-        found: list[list[str]] = [[]]
+        words: list[list[str]] = [[]]
         for text, splits in self._until("", self.raw):
             for char in text if splits else [text]:
                 if splits and char in SPACES:
-                    found.append([])
+                    words.append([])
                 else:
-                    found[-1].append(char)
-        return [word for word in map("".join, found) if word]
+                    words[-1].append(char)
+        return [word for word in map("".join, words) if word]
 
     def _peek(self) -> str:
         return self.text[self._at : self._at + 1]
@@ -69,22 +69,22 @@ class Lexer:
 
     def _until(self, stop: str, raw_escapes: bool) -> Pieces:
         before, self._raw_escapes = self._raw_escapes, raw_escapes
-        found: Pieces = []
+        pieces: Pieces = []
         while (char := self._peek()) != stop:
             if not char:
                 raise BadWord(f"{stop} is missing")
             if char in "'\"":
-                found.append((self._single() if char == "'" else self._double(), False))
+                pieces.append((self._single() if char == "'" else self._double(), False))
             elif char == "$":
-                found.append((self._variable(), True))
+                pieces.append((self._variable(), True))
             elif char == self.escape:
                 self._next()
-                found.append(((char if raw_escapes else "") + self._next(), False))
+                pieces.append(((char if raw_escapes else "") + self._next(), False))
             else:
-                found.append((self._next(), True))
+                pieces.append((self._next(), True))
         self._next()
         self._raw_escapes = before
-        return found
+        return pieces
 
     def _single(self) -> str:
         end = self.text.find("'", self._at + 1)
@@ -95,21 +95,21 @@ class Lexer:
 
     def _double(self) -> str:
         quote = self._next() if self.raw else self._next()[:0]
-        found = [quote]
+        parts = [quote]
         while (char := self._peek()) != '"':
             if not char:
                 raise BadWord("a double quote is not closed")
             if char == "$":
-                found.append(self._variable())
+                parts.append(self._variable())
                 continue
             self._next()
             if char == self.escape and not self._peek():
                 continue
             if char == self.escape and self._peek() in ('"', "$", self.escape):
                 char = (char if self._raw_escapes else "") + self._next()
-            found.append(char)
+            parts.append(char)
         self._next()
-        return "".join([*found, quote])
+        return "".join([*parts, quote])
 
     def _name(self) -> str:
         match = NAME.match(self.text, self._at)
@@ -184,8 +184,8 @@ def _joined(pieces: Pieces) -> str:
 def _trimmed(sign: str, word: str, value: str) -> str:
     """Expands ${name#pattern} and ${name%pattern}; a double sign removes the longest match."""
     back = -1 if sign == "%" else 1
-    found = _pattern(word.removeprefix(sign), value, word.startswith(sign), back).match(value[::back])
-    return value[::back][found.end() if found else 0 :][::back]
+    match = _pattern(word.removeprefix(sign), value, word.startswith(sign), back).match(value[::back])
+    return value[::back][match.end() if match else 0 :][::back]
 
 
 def _pattern(word: str, value: str, longest: bool, back: int = 1) -> re.Pattern[str]:

@@ -73,9 +73,9 @@ def beside(path: Path, root: Path) -> Path:
 
 def manifest_files(root: Path) -> list[Path]:
     """Manifests of the base or of an overlay: root/*.yaml and root/KINDS/*.yaml. Deeper files configure services."""
-    found = [p for f in manifest_folders(root) if os.path.isdir(f) for p in f.iterdir()]
+    paths = [p for f in manifest_folders(root) if os.path.isdir(f) for p in f.iterdir()]
     # A dead link counts: an unreadable file is a mistake, not a removed service.
-    return sorted(p for p in found if p.suffix in (".yaml", ".yml") and not os.path.isdir(p))
+    return sorted(p for p in paths if p.suffix in (".yaml", ".yml") and not os.path.isdir(p))
 
 
 def manifest_folders(root: Path) -> list[Path]:
@@ -141,10 +141,10 @@ def read_tree(
     sources: list[Source] = []
     for written in documents:
         try:
-            source, found = check_source(written, root, variables)
+            source, diagnostics = check_source(written, root, variables)
         except Exception as bug:
-            source, found = None, [unexpected(Where(str(written.path)), bug)]
-        yield from found
+            source, diagnostics = None, [unexpected(Where(str(written.path)), bug)]
+        yield from diagnostics
         if source:
             yield from () if written.several else _misplaced(source, (root, root / FOLDER / robot))
             sources.append(source)
@@ -156,18 +156,18 @@ def read_tree(
 
 def _written(paths: Iterable[Path], root: Path, edits: Mapping[Path, str | None]) -> Reading[list[Written]]:
     """Reads files as YAML, and reports unreadable ones."""
-    found = []
+    written = []
     for path in paths:
         try:
             text = edits.get(path)
             text = read_text(path, root) if text is None else text
             documents = read_documents(text, str(path), items=MAX_ITEMS)
-            found += [Written(path, *document, several=len(documents) > 1) for document in documents]
+            written += [Written(path, *document, several=len(documents) > 1) for document in documents]
         except OSError as error:
             yield Diagnostic(Where(str(path)), f"cannot be read: {error.strerror}", "to fix or delete it")
         except Exception as bug:
-            found.append(Written(path, str(text), None, [unexpected(Where(str(path)), bug)]))
-    return found
+            written.append(Written(path, str(text), None, [unexpected(Where(str(path)), bug)]))
+    return written
 
 
 def _misplaced(source: Source, tops: Collection[Path]) -> Iterator[Diagnostic]:
@@ -182,8 +182,8 @@ def read_source(
     text: str, path: Path, file: str, root: Path, variables: Variables = NONE
 ) -> tuple[Source | None, list[Diagnostic]]:
     """Reads one file's manifest; None with the reasons if it is invalid. `variables` are those of the tree."""
-    source, found = check_source(Written(path, text, *read_yaml(text, file, items=MAX_ITEMS)), root, variables)
-    return None if found else source, found
+    source, diagnostics = check_source(Written(path, text, *read_yaml(text, file, items=MAX_ITEMS)), root, variables)
+    return None if diagnostics else source, diagnostics
 
 
 def check_source(written: Written, root: Path, variables: Variables = NONE) -> tuple[Source | None, list[Diagnostic]]:
@@ -194,11 +194,11 @@ def check_source(written: Written, root: Path, variables: Variables = NONE) -> t
     before = [*written.found, *unset]
     told = {d.where for d in before}  # report one mistake at one place
     source, more = collected(_checked(document, written.path, root, variables))
-    found = [*before, *(d for d in more if d.where not in told)]
+    diagnostics = [*before, *(d for d in more if d.where not in told)]
     if any(d.code != "duplicate-key" for d in written.found):
         source = None  # values that YAML cannot give, such as a NUL character in a path, are no values to check
-    source = replace(source, partial=bool(found), several=written.several) if source else None
-    return source, noted(found, [document])
+    source = replace(source, partial=bool(diagnostics), several=written.several) if source else None
+    return source, noted(diagnostics, [document])
 
 
 BESIDE = {"Trace": "`rorg simulate FILE` reads it", "Workload": "`rorg simulate TRACE --workload FILE` reads it"}
@@ -217,8 +217,8 @@ def _checked(document: Document, path: Path, root: Path, variables: Variables) -
         message = f"a {kind} does not describe a robot and cannot be part of its tree"
         yield Diagnostic(document.where(("kind",)), message, f"to move it out: {BESIDE[kind]}")
     elif isinstance(kind, str) and kind not in SPECS:
-        found = unknown(document.where(("kind",)), "kind", kind, SPECS)
-        yield replace(found, remedy=KINDS[kind]) if kind in KINDS else found
+        diagnostic = unknown(document.where(("kind",)), "kind", kind, SPECS)
+        yield replace(diagnostic, remedy=KINDS[kind]) if kind in KINDS else diagnostic
     if not isinstance(kind, str) or kind not in SPECS or "spec" not in document.value:
         return None
     spec, document = yield from _valid(SPECS[kind], document, document.value["spec"], ("spec",))
@@ -231,9 +231,9 @@ def _checked(document: Document, path: Path, root: Path, variables: Variables) -
 def _valid(model: type[Strict], document: Document, value: object, at: Loc) -> Reading[tuple[Any, Document]]:
     """Validates a value, without its mistakes if it has some; None if too little is left. Also returns the document
     without what was dropped from its lists."""
-    read, found = validated(model, document, value, at)
-    if found:
-        read, document, more = mended(model, document, value, at, found)
-        found += more
-    yield from found
+    read, diagnostics = validated(model, document, value, at)
+    if diagnostics:
+        read, document, more = mended(model, document, value, at, diagnostics)
+        diagnostics += more
+    yield from diagnostics
     return read, document

@@ -145,10 +145,10 @@ class _Reader:
 
     def filled(self, value: str, begin: int) -> tuple[str, tuple[str, ...]]:
         try:
-            found = interpolate(value, self.lookup, self.budget)
+            filled = interpolate(value, self.lookup, self.budget)
         except Refused as why:
             raise self.wrong(begin, why.message, why.remedy, why.name) from None
-        return found.text, found.unset
+        return filled.text, filled.unset
 
 
 def _unescaped(value: str) -> str:

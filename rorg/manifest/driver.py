@@ -143,8 +143,8 @@ class Driver(Strict):
 def class_of(device: Device) -> tuple[str, tuple[int, ...]] | None:
     """(Directory of nodes, major numbers) of a device's class; None if Linux does not assign fixed numbers to it."""
     subsystem = dict(device.udev).get("subsystem")
-    found = [c for c in CLASSES if (device.path.startswith(c[1]) if device.path else c[0] == subsystem)]
-    return (found[0][2], tuple(sorted({n for c in found for n in c[3]}))) if found else None
+    classes = [c for c in CLASSES if (device.path.startswith(c[1]) if device.path else c[0] == subsystem)]
+    return (classes[0][2], tuple(sorted({n for c in classes for n in c[3]}))) if classes else None
 
 
 def hardware(driver: Driver | None, without_hardware: bool) -> dict[str, Any]:

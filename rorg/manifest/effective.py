@@ -44,10 +44,10 @@ def effective(root: Path, name: str, robot: str = "") -> list[Value]:
     under = merged.of(named)
     used = [] if service.meta else [Level("profile", profiles[origin.name]) for origin, _ in reversed(under.layers)]
     policy = [Level("policy", s) for s in sources if s.kind == "Policy"]
-    found = list(_spec([Level("manifest", own), *used], policy, service))
+    values = list(_spec([Level("manifest", own), *used], policy, service))
     if not service.meta:
-        found += _container(service, own, under, used)
-    return found
+        values += _container(service, own, under, used)
+    return values
 
 
 # -- what is beside the container ------------------------------------------------------------------------------
@@ -195,20 +195,20 @@ def _container(service: Service, own: Source, profile: Merged, used: list[Level]
 
 def _layers(own: Source, profile: Merged, used: list[Level]) -> list[Layer]:
     """The layers in order of precedence."""
-    manifest, found = Level("manifest", own), []
+    manifest, layers = Level("manifest", own), []
     for options, part in collected(parts(own, profile))[0]:
         if part == "this manifest":
             spec: Any = own.spec
             count = len(declared(spec.container).get("volumes", ()))
             mounts = options.get("volumes", [])[count:]
             for index, mount in enumerate(mounts):
-                found.append(Layer(manifest, {"volumes": [mount]}, ("spec", "mounts", index)))
-            found.append(Layer(manifest, declared(spec.container), AT))
+                layers.append(Layer(manifest, {"volumes": [mount]}, ("spec", "mounts", index)))
+            layers.append(Layer(manifest, declared(spec.container), AT))
         else:
             asked = next((n for n in ("may_request", "may_manage", "may_act_for") if getattr(own.spec, n)), part)
-            found.append(Layer(manifest, options, ("spec", part if part == "driver" else asked)))
+            layers.append(Layer(manifest, options, ("spec", part if part == "driver" else asked)))
     values = values_of(own)
-    return [*reversed(found), *(Layer(p, substitute(declared(p.source.spec.container), values), AT) for p in used)]
+    return [*reversed(layers), *(Layer(p, substitute(declared(p.source.spec.container), values), AT) for p in used)]
 
 
 def _leaves(layers: list[Layer], path: tuple[str, ...], value: Any) -> Iterator[Value]:

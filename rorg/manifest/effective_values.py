@@ -77,8 +77,8 @@ def written_at(value: Any, path: tuple[str | int, ...]) -> tuple[str | int, ...]
     """The path of a value as written: pairs may be a list of KEY=VALUE."""
     for depth, key in enumerate(path):
         if isinstance(value, list) and isinstance(key, str):
-            found = (i for i, item in enumerate(value) if str(item).partition("=")[0] == key)
-            return (*path[:depth], *list(found)[-1:])
+            indices = (i for i, item in enumerate(value) if str(item).partition("=")[0] == key)
+            return (*path[:depth], *list(indices)[-1:])
         try:
             value = value[key]
         except (LookupError, TypeError):

@@ -28,9 +28,9 @@ class Place:
 
     def deeper(self, word: str) -> Place | None:
         """The field of that name in this mapping. User-chosen keys, as in ulimits, lead to the same model."""
-        found = fields_of(self.model).get(word) if self.model else None
-        if found:
-            return Place(f"{self.path}.{word}" if self.path else word, found, found.model)
+        field = fields_of(self.model).get(word) if self.model else None
+        if field:
+            return Place(f"{self.path}.{word}" if self.path else word, field, field.model)
         chosen = self.field and self.model and "mapping of" in self.field.form and not self.path.endswith("NAME")
         return Place(f"{self.path}.NAME", self.field, self.model) if chosen else None
 
@@ -39,11 +39,11 @@ def find(path: str) -> Place | None:
     """Finds the place of a path, or None. The kind and `spec` may be omitted."""
     words = [re.sub(r"\[\w*\]$", "", word) for word in path.split(".")]
     for place, rest in _starts(words):
-        found: Place | None = place
+        target: Place | None = place
         for word in rest:
-            found = found.deeper(word) if found else None
-        if found:
-            return found
+            target = target.deeper(word) if target else None
+        if target:
+            return target
     return None
 
 
@@ -79,15 +79,15 @@ def _spec(kind: str) -> Place:
 
 def all_paths() -> list[str]:
     """Every field of every kind."""
-    found = [kind.lower() for kind in SPECS]
-    found += [f"service.metadata.{name}" for name in fields_of(Metadata)]
+    paths = [kind.lower() for kind in SPECS]
+    paths += [f"service.metadata.{name}" for name in fields_of(Metadata)]
     pending = [_spec(kind) for kind in SPECS]
     for place in pending:  # it grows during the loop
         for name, field in fields_of(place.model).items() if place.model else ():
-            found.append(f"{place.path}.{name}")
+            paths.append(f"{place.path}.{name}")
             if field.model:
-                pending.append(Place(found[-1], field, field.model))
-    return found
+                pending.append(Place(paths[-1], field, field.model))
+    return paths
 
 
 def nearest_path(path: str) -> str:

@@ -41,11 +41,11 @@ class FieldText:
 @cache
 def fields_of(model: type[BaseModel]) -> dict[str, FieldText]:
     """All fields of a model by the names that people write."""
-    found = {}
+    fields = {}
     for attribute, field in model.model_fields.items():
         marks: Any = field.json_schema_extra or {}
         name = field.alias or attribute
-        found[name] = FieldText(
+        fields[name] = FieldText(
             name,
             field.description or "",
             type_of(field.annotation, field.metadata),
@@ -55,7 +55,7 @@ def fields_of(model: type[BaseModel]) -> dict[str, FieldText]:
             marks.get("x-rorg-change", ""),
             model_of(field.annotation),
         )
-    return found
+    return fields
 
 
 def title(model: type[BaseModel]) -> str:

@@ -23,8 +23,8 @@ class Written:
         self.text, self.also = text, also
 
     def __get_pydantic_json_schema__(self, schema: Any, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
-        found = handler(schema)
-        return {"anyOf": [*self.also, found]} if self.also else found
+        json_schema = handler(schema)
+        return {"anyOf": [*self.also, json_schema]} if self.also else json_schema
 
 
 def field(about: str, example: Any, default: Any = None, *, unset: str = "", change: str = "", **more: Any) -> Any:

@@ -35,8 +35,8 @@ def read_bytes(path: Path, root: Path, most: int = MOST) -> bytes:
     or larger than `most` bytes.
     """
 
-    def refuse(found: str) -> None:
-        if _leads_out(path, found, root):
+    def refuse(target: str) -> None:
+        if _leads_out(path, target, root):
             raise OSError(errno.EPERM, "it is a link that leads out of the tree", str(path))
 
     return read_regular(path, most, refuse)
@@ -69,8 +69,8 @@ class Reader:
             raise OSError(errno.EFBIG, f"the project's files have more than {WHOLE >> 20} MiB in all", str(path))
         return _plain(content, path).replace("\r\n", "\n").replace("\r", "\n")
 
-    def _refuse(self, path: Path, found: str) -> None:
-        if not any(Path(found).is_relative_to(allowed) for allowed in self._allowed):
+    def _refuse(self, path: Path, target: str) -> None:
+        if not any(Path(target).is_relative_to(allowed) for allowed in self._allowed):
             raise Outside(errno.EPERM, f"it is outside of the project's folder {self.folder}", str(path))
 
 

@@ -118,8 +118,8 @@ def with_resources(text: str, document: Document, values: Mapping[str, str]) -> 
         return None  # the value is a variable, which other fields may use too
     lines = text.split("\n")
     for key, value in sorted(values.items(), reverse=True):  # new keys are inserted at the front
-        found = document.values.get((*AT, key))
-        done = _replaced(lines, found, value) if found else _added(lines, document, key, value)
+        place = document.values.get((*AT, key))
+        done = _replaced(lines, place, value) if place else _added(lines, document, key, value)
         again, wrong = read_yaml("\n".join(lines), document.file)
         if not done or again is None or wrong:
             return None
@@ -138,10 +138,10 @@ def _read(text: str) -> str:
 
 def _replaced(lines: list[str], place: tuple[int, int], value: str) -> bool:
     line, column = lines[place[0] - 1], place[1] - 1
-    found = _PLAIN.match(line, column)
-    if found is None:
+    match = _PLAIN.match(line, column)
+    if match is None:
         return False
-    lines[place[0] - 1] = line[:column] + value + line[found.end() :]
+    lines[place[0] - 1] = line[:column] + value + line[match.end() :]
     return True
 
 

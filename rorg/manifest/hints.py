@@ -183,8 +183,8 @@ def remedy_for(
         return f"'{same}'"
     if here and (here.startswith("to ") or here.partition(":")[0] in own):
         return here
-    if not here and (found := _elsewhere(kind, path, word)):
-        return found
+    if not here and (remedy := _elsewhere(kind, path, word)):
+        return remedy
     return nearest(key, [name for name in own if name not in present], CLOSE)
 
 

@@ -26,9 +26,9 @@ def join(
     container in a network that is gone is unreachable. `known` are all declared names, including broken ones."""
     joins: dict[str, tuple[str, ...]] = {}
     for option, index, name in named(service.spec or {}):
-        found = _wrong(service, option, name, services, groups, known)
-        if found:
-            yield replace(found, where=place_of(source, option, index))
+        diagnostic = _wrong(service, option, name, services, groups, known)
+        if diagnostic:
+            yield replace(diagnostic, where=place_of(source, option, index))
         elif name in services:
             joins[name] = tuple(dict.fromkeys((*joins.get(name, ()), option)))
     if not joins:
@@ -58,7 +58,7 @@ def _wrong(
     if name in known:
         return None  # its own mistakes are reported
     if option == VOLUMES:
-        near = f"; {found} for a service" if (found := nearest(name, containers)).startswith("'") else ""
+        near = f"; {suggestion} for a service" if (suggestion := nearest(name, containers)).startswith("'") else ""
         message = f"{option}: no service '{name}', so this is the name of a container"
         return Diagnostic(NOWHERE, message, f"container:{name} to say so{near}", "warning")
     remedy = nearest(name, containers) or f"container:{name} for one that is not of this tree"

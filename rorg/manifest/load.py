@@ -59,13 +59,13 @@ class Loaded:
 def load(
     root: Path,
     edits: Mapping[Path, str | None] | None = None,
-    found: Callable[[Inputs], None] = lambda _: None,
+    on_inputs: Callable[[Inputs], None] = lambda _: None,
     engine: str = "",
     robot: str = "",
 ) -> Loaded:
     """Reads and checks a whole tree.
 
-    `edits` replace files on disk (None: deleted). `found` receives the other files that the tree depends on, before
+    `edits` replace files on disk (None: deleted). `on_inputs` gets the other files that the tree depends on, before
     they are read. `engine` is the name of the engine that will run the tree; if it is empty, engine-specific checks are
     skipped. `robot` selects an overlay; empty means the base alone.
 
@@ -77,7 +77,7 @@ def load(
         raise Invalid(f"read manifests in {root}", "no such directory", "the directory that holds services/")
     try:
         with few_suggestions():
-            loaded = _load(root, edits, found, engine, robot)
+            loaded = _load(root, edits, on_inputs, engine, robot)
     except OSError as error:
         raise Invalid(f"read manifests in {root}", str(error)) from error
     except Invalid:
@@ -88,7 +88,7 @@ def load(
 
 
 def _load(
-    root: Path, edits: Mapping[Path, str | None] | None, found: Callable[[Inputs], None], engine: str, robot: str
+    root: Path, edits: Mapping[Path, str | None] | None, on_inputs: Callable[[Inputs], None], engine: str, robot: str
 ) -> Loaded:
     (sources, broken), diagnostics = collected(read_tree(root, edits, robot))
     if not sources and not diagnostics:
@@ -97,7 +97,7 @@ def _load(
     by_kind, more = collected(_by_kind(sources))
     diagnostics += [*more, *check_spelling(sources)]
     every, by_kind = by_kind, {k: {n: s for n, s in of.items() if not s.partial} for k, of in by_kind.items()}
-    found(inputs(root, by_kind))
+    on_inputs(inputs(root, by_kind))
     (whole, doubtful), more = collected(_catalog(every, broken, engine))
     kept = by_kind.get("Service", {})
     catalog = replace(whole, services={n: s for n, s in whole.services.items() if n in kept or n == DEVELOPER})
@@ -121,15 +121,15 @@ def _load(
 def _told(diagnostics: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
     """Sorts by place. If there are too many, hints are left out, errors come before warnings, and the
     last line counts the rest."""
-    found = sorted(set(diagnostics))
-    if len(found) <= MOST_TOLD:
-        return tuple(found)
-    found = [d for d in found if d.severity != HINT]
-    if len(found) <= MOST_TOLD:
-        return tuple(found)
-    first = sorted(found, key=lambda d: d.severity)[:MOST_TOLD]
+    entries = sorted(set(diagnostics))
+    if len(entries) <= MOST_TOLD:
+        return tuple(entries)
+    entries = [d for d in entries if d.severity != HINT]
+    if len(entries) <= MOST_TOLD:
+        return tuple(entries)
+    first = sorted(entries, key=lambda d: d.severity)[:MOST_TOLD]
     last = first[-1]
-    more = f"{len(found) - MOST_TOLD} more mistakes are not listed"
+    more = f"{len(entries) - MOST_TOLD} more mistakes are not listed"
     return (*sorted(first), Diagnostic(last.where, more, "to fix these first", last.severity))
 
 
@@ -188,10 +188,10 @@ def _unsaid(value: Any, field: Field[Any]) -> bool:
 
 def _by_kind(sources: Iterable[Source]) -> Reading[dict[str, dict[str, Source]]]:
     """Groups sources by kind and name. Services and groups share one namespace, because a request names either."""
-    found: dict[str, dict[str, Source]] = {}
+    by_kind: dict[str, dict[str, Source]] = {}
     for source in sources:
         rivals = [k for k in ("Service", "Group") if source.kind in ("Service", "Group")] or [source.kind]
-        first = next((found[k][source.name] for k in rivals if source.name in found.get(k, {})), None)
+        first = next((by_kind[k][source.name] for k in rivals if source.name in by_kind.get(k, {})), None)
         where = source.where("metadata", "name")
         if first:
             taken = f"is taken by a {first.kind} at {first.where('metadata', 'name')}"
@@ -200,12 +200,12 @@ def _by_kind(sources: Iterable[Source]) -> Reading[dict[str, dict[str, Source]]]
             source.kind == "Group" or (source.kind == "Service" and source.spec.type != "meta")
         ):
             yield Diagnostic(where, "'developer' is the built-in meta-service", "another name")
-        elif source.kind == "Policy" and found.get("Policy"):
-            other = next(iter(found["Policy"].values()))
+        elif source.kind == "Policy" and by_kind.get("Policy"):
+            other = next(iter(by_kind["Policy"].values()))
             yield Diagnostic(where, "a second Policy", f"to merge it into {other.document.file}")
         else:
-            found.setdefault(source.kind, {})[source.name] = source
-    return found
+            by_kind.setdefault(source.kind, {})[source.name] = source
+    return by_kind
 
 
 def _catalog(

@@ -28,12 +28,14 @@ def validated(model: type[Strict], document: Document, value: object, at: Loc) -
     try:
         return model.model_validate(again), []
     except ValidationError as error:
-        found: dict[tuple[Where, str], Diagnostic] = {}
+        by_place: dict[tuple[Where, str], Diagnostic] = {}
         for entry in error.errors(include_url=False):
             diagnostic = _explain(model, document, entry, at)
             # A union reports once per member; the first report is enough.
-            found.setdefault((diagnostic.where, diagnostic.message if entry["type"] == "missing" else ""), diagnostic)
-        return None, list(found.values())
+            by_place.setdefault(
+                (diagnostic.where, diagnostic.message if entry["type"] == "missing" else ""), diagnostic
+            )
+        return None, list(by_place.values())
 
 
 BOOLEANS = {"yes": "true", "on": "true", "y": "true", "no": "false", "off": "false", "n": "false"}
@@ -162,8 +164,8 @@ def _model_at(model: type[BaseModel], path: Loc) -> type[BaseModel] | None:
     """The model that a path of keys leads to, through lists and keys of the user's own."""
     for part in path:
         field = model.model_fields.get(str(part))
-        found = model_of(field.annotation) if field else model
-        if found is None:
+        target = model_of(field.annotation) if field else model
+        if target is None:
             return None
-        model = found
+        model = target
     return model

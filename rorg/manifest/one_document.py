@@ -43,15 +43,17 @@ def read_document(path: Path, kind: str, model: type[S], make: Callable[[OneDocu
         raise Invalid(f"read {path}", error.strerror or str(error), f"a file with a {kind}") from None
     if len(raw) > LARGEST:
         raise Invalid(f"read {path}", f"it has more than {LARGEST >> 20} MiB", f"a smaller {kind}")
-    document, found = read_yaml(text, str(path), most=MOST_NODES)
-    if document is not None and not found:
-        checked, found = collected(_checked(document, kind, model))
+    document, diagnostics = read_yaml(text, str(path), most=MOST_NODES)
+    if document is not None and not diagnostics:
+        checked, diagnostics = collected(_checked(document, kind, model))
         if checked is not None:
-            value, found = collected(make(checked))
-            if not found:
+            value, diagnostics = collected(make(checked))
+            if not diagnostics:
                 return value
-    lines = "\n".join(map(str, found))
-    raise Invalid(f"use {path}", f"{counted(len(found), 'error')}\n{lines}\n", f"to fix what is wrong in this {kind}")
+    lines = "\n".join(map(str, diagnostics))
+    raise Invalid(
+        f"use {path}", f"{counted(len(diagnostics), 'error')}\n{lines}\n", f"to fix what is wrong in this {kind}"
+    )
 
 
 MOST_NODES = 5_000_000
@@ -66,9 +68,9 @@ def _checked(document: Document, kind: str, model: type[S]) -> Reading[OneDocume
     if value.get("kind") != kind:
         yield Diagnostic(document.where(("kind",)), f"the kind must be {kind}", f"'{kind}'")
         return None
-    envelope, found = validated(Manifest, document, value, ())
+    envelope, diagnostics = validated(Manifest, document, value, ())
     spec, more = validated(model, document, value.get("spec"), ("spec",))
-    yield from (*found, *more)
+    yield from (*diagnostics, *more)
     if envelope is None or spec is None:
         return None
     return OneDocument(document, envelope.metadata.name, envelope.metadata.description or "", spec)

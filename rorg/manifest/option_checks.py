@@ -84,7 +84,7 @@ NUMBERS = frozenset(str(n) for n in range(1, 65) if n not in (32, 33))
 
 
 def _near(name: str, known: Collection[str]) -> str:
-    return "; try " + found[0] if (found := difflib.get_close_matches(name, sorted(known), 1)) else ""
+    return "; try " + matches[0] if (matches := difflib.get_close_matches(name, sorted(known), 1)) else ""
 
 
 def _capability(value: str) -> None:
@@ -114,29 +114,29 @@ def read_signal(value: object) -> str:
 
 def _ip(value: str, version: int = 0) -> None:
     try:
-        found = int(ipaddress.ip_address(value).version)
+        actual_version = int(ipaddress.ip_address(value).version)
     except ValueError:
-        found = -1
-    if found < 0 or version not in (0, found):
+        actual_version = -1
+    if actual_version < 0 or version not in (0, actual_version):
         raise ValueError(f"'{value}' is not an IP{f'v{version}' if version else ''} address")
 
 
 def _extra_host(value: str) -> str:
     """Returns NAME:ADDRESS; Compose also accepts NAME=ADDRESS and brackets around the address."""
-    found = re.match(r"([^:=\s]+)[:=](\S+)$", value)
-    if not found:
+    match = re.match(r"([^:=\s]+)[:=](\S+)$", value)
+    if not match:
         raise ValueError(f"'{value}' is not a host; write NAME:ADDRESS")
-    address = found[2][1:-1] if found[2].startswith("[") and found[2].endswith("]") else found[2]
+    address = match[2][1:-1] if match[2].startswith("[") and match[2].endswith("]") else match[2]
     if address != "host-gateway":
         _ip(address)
-    return f"{found[1]}:{address}"
+    return f"{match[1]}:{address}"
 
 
 def _cpus(value: str) -> None:
     """Such as 0-2,4."""
     for part in value.split(","):
-        found = re.fullmatch(r"([0-9]{1,4})(?:-([0-9]{1,4}))?", part, re.ASCII)
-        if not found or int(found[1]) > int(found[2] or found[1]):
+        match = re.fullmatch(r"([0-9]{1,4})(?:-([0-9]{1,4}))?", part, re.ASCII)
+        if not match or int(match[1]) > int(match[2] or match[1]):
             raise ValueError(f"'{value}' is not a list of numbers; write 0-2,4")
 
 

@@ -68,29 +68,29 @@ def unknown_robot(root: Path, robot: str) -> Diagnostic | None:
 
 def laid_over(base: Iterable[Written], over: Iterable[Written]) -> Reading[list[Written]]:
     """Merges an overlay into the base; returns the documents of the robot."""
-    found = dict(enumerate(base))
+    documents = dict(enumerate(base))
     for upper in over:
-        place = next((n for n, w in found.items() if w.key == upper.key != ("", "")), None)
+        place = next((n for n, w in documents.items() if w.key == upper.key != ("", "")), None)
         value = upper.document.value if upper.document else None
-        lower = found[place] if place is not None else None
+        lower = documents[place] if place is not None else None
         if isinstance(value, dict) and value.get(REMOVED) is True:
             if place is not None:
-                del found[place]
+                del documents[place]
             else:
-                yield _nothing_to_remove(upper, found.values())
+                yield _nothing_to_remove(upper, documents.values())
             yield from upper.found
         elif place is None or lower is None or upper.document is None or lower.document is None:
-            found[max(found, default=0) + 1] = upper
+            documents[max(documents, default=0) + 1] = upper
         else:
             merged = merge(lower.document, upper.document)
-            found[place] = replace(lower, document=merged, found=[*lower.found, *upper.found])
-    return list(found.values())
+            documents[place] = replace(lower, document=merged, found=[*lower.found, *upper.found])
+    return list(documents.values())
 
 
-def _nothing_to_remove(upper: Written, found: Iterable[Written]) -> Diagnostic:
+def _nothing_to_remove(upper: Written, documents: Iterable[Written]) -> Diagnostic:
     kind, name = upper.key
     assert upper.document is not None
-    known = [w.key[1] for w in found if w.key[0] == kind and kind]
+    known = [w.key[1] for w in documents if w.key[0] == kind and kind]
     where = upper.document.where(("metadata", "name"))
     return Diagnostic(where, f"there is no {kind or 'document'} '{name}' to be removed", nearest(name, known))
 
@@ -98,38 +98,38 @@ def _nothing_to_remove(upper: Written, found: Iterable[Written]) -> Diagnostic:
 def merge(base: Document, over: Document) -> Document:
     """Merges two documents. Every value keeps the file that it comes from."""
     allows = (*base.allows, *over.allows)
-    found = Document(base.file, None, dict(base.keys), dict(base.values), dict(base.files), allows)
-    found.value = _merged(found, over, base.value, over.value, ())
-    return found
+    merged = Document(base.file, None, dict(base.keys), dict(base.values), dict(base.files), allows)
+    merged.value = _merged(merged, over, base.value, over.value, ())
+    return merged
 
 
-def _merged(found: Document, over: Document, old: Any, new: Any, at: Loc) -> Any:
+def _merged(merged: Document, over: Document, old: Any, new: Any, at: Loc) -> Any:
     if not (isinstance(old, dict) and isinstance(new, dict)):
-        _forget(found, at)
-        _take(found, over, at)
+        _forget(merged, at)
+        _take(merged, over, at)
         return new
     result = dict(old)
     for key, value in new.items():
         path = (*at, key)
         if value is None:
             result.pop(key, None)
-            _forget(found, path)
+            _forget(merged, path)
         elif key in old:
-            result[key] = _merged(found, over, old[key], value, path)
+            result[key] = _merged(merged, over, old[key], value, path)
         else:
             result[key] = value
-            _take(found, over, path)
+            _take(merged, over, path)
     return result
 
 
-def _forget(found: Document, at: Loc) -> None:
-    for places in (found.keys, found.values, found.files):
+def _forget(document: Document, at: Loc) -> None:
+    for places in (document.keys, document.values, document.files):
         for path in [p for p in places if p[: len(at)] == at]:
             del places[path]
 
 
-def _take(found: Document, over: Document, at: Loc) -> None:
-    for mine, theirs in ((found.keys, over.keys), (found.values, over.values)):
+def _take(merged: Document, over: Document, at: Loc) -> None:
+    for mine, theirs in ((merged.keys, over.keys), (merged.values, over.values)):
         new = {p: place for p, place in theirs.items() if p[: len(at)] == at}
         mine.update(new)
-        found.files.update(dict.fromkeys(new, over.file))
+        merged.files.update(dict.fromkeys(new, over.file))

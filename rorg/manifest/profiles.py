@@ -25,14 +25,14 @@ COMMON = "common"
 @cache
 def built_in_profiles() -> dict[str, Source]:
     """Profiles that come with rorg: common, plain, ros1, ros2, realtime, gpu, x11."""
-    found = {}
+    profiles = {}
     for path in sorted(BUILT_IN.glob("*.yaml")):
         text = path.read_text(encoding="utf-8")
         source, diagnostics = read_source(text, path, f"<built in>/{path.name}", path.parent)
         if source is None:
             raise AssertionError(f"built-in profile {path.name}: {diagnostics}")
-        found[source.name] = source
-    return found
+        profiles[source.name] = source
+    return profiles
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,14 +129,14 @@ _PLACES: Mapping[str, Callable[[Any], str | None]] = {"volumes": mounted_at, "se
 
 def origins_of(container: Mapping[str, Any], layers: Iterable[Layer]) -> Origins:
     """Option of a container -> its declarers. `layers` are the options that were merged, the lowest first."""
-    found: dict[str, tuple[Origin, ...]] = {}
+    origins: dict[str, tuple[Origin, ...]] = {}
     for origin, options in layers:
         for option, value in options.items():
             for key in value if isinstance(value, dict) and option != "healthcheck" else ("",):
                 path = f"{option}.{key}" if key else option
                 appended = isinstance(value, list) and option != "entrypoint"
-                found[path] = tuple(dict.fromkeys((*found.get(path, ()), origin))) if appended else (origin,)
-    return {path: names for path, names in found.items() if path.partition(".")[0] in container}
+                origins[path] = tuple(dict.fromkeys((*origins.get(path, ()), origin))) if appended else (origin,)
+    return {path: names for path, names in origins.items() if path.partition(".")[0] in container}
 
 
 def declared(options: ContainerOptions | None) -> dict[str, Any]:
@@ -162,9 +162,9 @@ class Profiles:
         if not all(name in self.said for name in names):
             return replace(self.of(named), partial=True)
         if named not in self._found:
-            found = reduce(_over, (self.said[name] for name in named))
-            whole = found.alone or all(name in self.below for name in named)
-            self._found[named] = found if whole else _over(self.said[COMMON], found)
+            merged = reduce(_over, (self.said[name] for name in named))
+            whole = merged.alone or all(name in self.below for name in named)
+            self._found[named] = merged if whole else _over(self.said[COMMON], merged)
         return self._found[named]
 
 
@@ -201,7 +201,7 @@ def _parents(sources: Mapping[str, Source], broken: Collection[str]) -> Reading[
         where = last.where("spec", "extends", last.spec.extends.index(ring[-1]))
         yield Diagnostic(where, f"profiles extend each other: {' -> '.join(ring)}", "to break the cycle")
     closing = {pair for ring in rings for pair in pairwise(ring)}
-    return {n: [p for p in found if (n, p) not in closing] for n, found in graph.items()}
+    return {n: [p for p in parents if (n, p) not in closing] for n, parents in graph.items()}
 
 
 def _own(name: str, source: Source, known: Collection[str]) -> Merged:

@@ -37,13 +37,13 @@ def of_this_machine(engine: str) -> bool:
 def for_engine(source: Source, options: Mapping[str, Any], engine: str) -> dict[str, Any]:
     """The options of a service for its engine. Without `working_dir`, a process starts in its manifest's directory;
     paths that begin with `./`, `../` or `~/` are relative to it too."""
-    found = dict(options)
-    folder = found.get("working_dir", "." if of_this_machine(engine) else None)
+    engine_options = dict(options)
+    folder = engine_options.get("working_dir", "." if of_this_machine(engine) else None)
     if folder is not None and not in_containers(engine):
-        found["working_dir"] = str(real(source.directory / os.path.expanduser(folder)))
+        engine_options["working_dir"] = str(real(source.directory / os.path.expanduser(folder)))
     if source.spec.inherit_environment is not None and not in_containers(engine):
-        found["inherit_environment"] = list(source.spec.inherit_environment)
-    return found
+        engine_options["inherit_environment"] = list(source.spec.inherit_environment)
+    return engine_options
 
 
 def check_programs(

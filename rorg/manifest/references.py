@@ -68,7 +68,7 @@ def requests_of(
     sources: Sources, known: set[str], requesters: Collection[str], broken: set[str]
 ) -> Reading[tuple[Request, ...]]:
     """Standing requests, and the names in them that do not exist."""
-    found = []
+    requests = []
     for name, source in sources.items():
         spec: Any = source.spec
         if spec.requester not in requesters and spec.requester not in broken:
@@ -78,8 +78,8 @@ def requests_of(
                 yield unknown(source.where("spec", "services", index), "service", service, known)
         where, services = source.where("metadata", "name"), tuple(spec.services)
         request = Request(name, spec.requester, services, spec.reason or "", standing=True, priority=spec.priority)
-        found.append(replace(request, where=where))
-    return tuple(found)
+        requests.append(replace(request, where=where))
+    return tuple(requests)
 
 
 def expand_groups(sources: Sources, services: Mapping[str, Service], broken: set[str]) -> Reading[dict[str, Group]]:
@@ -145,9 +145,9 @@ def _conflicting_needs(catalog: Catalog, sources: Sources, sure: bool) -> Iterat
         needs = catalog.services[name].needs
         if any(overbooked(catalog, closure(catalog.services, [n])) for n in needs):
             continue  # reported for that service
-        for found in overbooked(catalog, closure(catalog.services, [name])):
+        for shortage in overbooked(catalog, closure(catalog.services, [name])):
             where = _key(sources[name], "needs" if needs else "exclusive")
-            message = f"'{name}' can never be active: {found}"
+            message = f"'{name}' can never be active: {shortage}"
             yield Diagnostic(where, message, "fewer units, or `resources` in the Policy")
 
 

@@ -109,12 +109,12 @@ def _idle(spec: Any, profile: Merged, policy: Any) -> Idle:
 
 def idle_of(declared: Mapping[str, Any], otherwise: Idle = Idle()) -> Idle:
     """Converts declared fields of `idle`; the others keep their values from `otherwise`."""
-    found = dict(declared)
-    if "escalate" in found:
-        found["escalate"] = found["escalate"]["after"], found["escalate"]["action"]
-    if isinstance(found.get("prewarm"), str):
-        found["prewarm"] = PREWARM[found["prewarm"]]
-    return replace(otherwise, **found)
+    settings = dict(declared)
+    if "escalate" in settings:
+        settings["escalate"] = settings["escalate"]["after"], settings["escalate"]["action"]
+    if isinstance(settings.get("prewarm"), str):
+        settings["prewarm"] = PREWARM[settings["prewarm"]]
+    return replace(otherwise, **settings)
 
 
 ALL = "*"

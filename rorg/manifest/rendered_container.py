@@ -40,8 +40,8 @@ def container_of(
     options = yield from _without(source, options, doubtful)
     written = dict(options)
 
-    def placed(found: Clash | Diagnostic) -> Diagnostic:
-        return _as_diagnostic(source, written, origins, found) if isinstance(found, Clash) else found
+    def placed(problem: Clash | Diagnostic) -> Diagnostic:
+        return _as_diagnostic(source, written, origins, problem) if isinstance(problem, Clash) else problem
 
     of_files, wrong = collected(_with_files(source, options))
     yield from map(placed, wrong)
@@ -86,19 +86,19 @@ def _without(source: Source, options: dict[str, Any], doubtful: bool) -> Reading
 def parts(source: Source, profile: Merged) -> Reading[list[tuple[dict[str, Any], str]]]:
     """Returns the options that the manifest adds to its profile, with the name of the part that adds them."""
     spec: Any = source.spec
-    found = [(options_of(spec.driver, profile.without_hardware), "driver")] if spec.driver else []
+    additions = [(options_of(spec.driver, profile.without_hardware), "driver")] if spec.driver else []
     own = declared(spec.container)
     volumes = yield from _mounts(source)
     mounts = [m for m in volumes if m not in own.get("volumes", ())]
     if mounts:  # not merged: a volume of this manifest at the same target is a mistake
         own = {**own, "volumes": own.get("volumes", []) + mounts}
-    found.append((own, "this manifest"))
+    additions.append((own, "this manifest"))
     if spec.may_request or spec.may_manage or spec.may_act_for:
         folder = f"{RUN}/services/{source.name}"
         # The directory, not the socket: after a restart of rorg, a mounted socket is dead.
         socket = {"RORG_SOCKET": f"{folder}/rorg.sock"}
-        found.append(({"volumes": [f"{folder}:{folder}:ro"], "environment": socket}, "may_request"))
-    return found
+        additions.append(({"volumes": [f"{folder}:{folder}:ro"], "environment": socket}, "may_request"))
+    return additions
 
 
 def values_of(source: Source) -> dict[str, str]:
@@ -156,10 +156,10 @@ def _check(source: Source, options: dict[str, Any], origins: Origins, doubtful: 
         late["volumes"] = [v for v in late["volumes"] if not str(v).startswith(RUN)]
     try:
         ContainerOptions.model_validate(late, context=FINAL)
-        found = [clash for clash in clashes(options) if not (doubtful and clash.lacks)]
+        problems = [clash for clash in clashes(options) if not (doubtful and clash.lacks)]
     except ValidationError as error:
-        found = [Clash(entry["loc"], entry["msg"].removeprefix("Value error, ")) for entry in error.errors()]
-    return [_as_diagnostic(source, options, origins, clash) for clash in found]
+        problems = [Clash(entry["loc"], entry["msg"].removeprefix("Value error, ")) for entry in error.errors()]
+    return [_as_diagnostic(source, options, origins, clash) for clash in problems]
 
 
 def _as_diagnostic(source: Source, options: dict[str, Any], origins: Origins, clash: Clash) -> Diagnostic:

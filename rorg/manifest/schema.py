@@ -29,8 +29,8 @@ def schema(kind: str) -> dict[str, Any]:
     envelope = form.model_json_schema()
     definitions = {**envelope.pop("$defs", {}), **spec.pop("$defs", {})}
     models = {one.__name__: one for top in (form, model) for one in below(top)}
-    for name, found in ((form.__name__, envelope), (model.__name__, spec), *definitions.items()):
-        _tell(found, fields_of(models[name]))
+    for name, definition in ((form.__name__, envelope), (model.__name__, spec), *definitions.items()):
+        _tell(definition, fields_of(models[name]))
     envelope["properties"]["apiVersion"] |= {"const": API_VERSION}
     envelope["properties"]["kind"] |= {"const": kind, "examples": [kind]}
     envelope["properties"]["spec"] = _loosen(spec)
@@ -44,23 +44,23 @@ def schema(kind: str) -> dict[str, Any]:
 
 def below(model: type[BaseModel]) -> list[type[BaseModel]]:
     """Returns a model and every model below it, each once."""
-    found = [model]
-    for one in found:  # it grows during the loop
-        found += [f.model for f in fields_of(one).values() if f.model and f.model not in found]
-    return list(dict.fromkeys(found))
+    models = [model]
+    for one in models:  # it grows during the loop
+        models += [f.model for f in fields_of(one).values() if f.model and f.model not in models]
+    return list(dict.fromkeys(models))
 
 
 def _tell(definition: dict[str, Any], texts: Mapping[str, FieldText]) -> None:
     """Adds meaning, default and type of each field to its property, for editors to show."""
     for name, told in texts.items():
-        found = definition["properties"][name]
+        subschema = definition["properties"][name]
         default = "" if told.required or told.default == UNSET else f" Default: {told.default}."
-        found["description"] = f"{told.about}{default}\n\nType: {told.form}"
-        found.pop("x-rorg-default", None)
-        if isinstance(found.get("default"), int | float) and not isinstance(found["default"], bool):
-            found["default"] = told.default if told.form in ("duration", "size") else found["default"]
-        elif found.get("default", "") is None:
-            del found["default"]  # null is the internal default; it is never written
+        subschema["description"] = f"{told.about}{default}\n\nType: {told.form}"
+        subschema.pop("x-rorg-default", None)
+        if isinstance(subschema.get("default"), int | float) and not isinstance(subschema["default"], bool):
+            subschema["default"] = told.default if told.form in ("duration", "size") else subschema["default"]
+        elif subschema.get("default", "") is None:
+            del subschema["default"]  # null is the internal default; it is never written
 
 
 _PLAIN = ("integer", "number", "boolean")
@@ -74,10 +74,10 @@ def _loosen(value: Any) -> Any:
         return [_loosen(item) for item in value]
     if not isinstance(value, dict):
         return value
-    found = {k: _loosen(v) for k, v in value.items()}
-    if isinstance(fields := found.get("properties"), dict):
-        found["properties"] = {name: _or_variable(field) for name, field in fields.items()}
-    return found
+    mapping = {k: _loosen(v) for k, v in value.items()}
+    if isinstance(fields := mapping.get("properties"), dict):
+        mapping["properties"] = {name: _or_variable(field) for name, field in fields.items()}
+    return mapping
 
 
 def _or_variable(field: dict[str, Any]) -> dict[str, Any]:

@@ -26,7 +26,7 @@ def secrets_of(
     """Marks build arguments as secret if a service that uses the Image declares them secret. A name that does not exist
     is an error: it is probably misspelt and hides nothing. A `doubtful` service may lack variables because of a mistake
     elsewhere. A value that is too short to be found in other text is a warning."""
-    found = dict(images)
+    marked_images = dict(images)
     for name, source in sources.items():
         service = services[name]
         variables = (service.spec or {}).get("environment", {})
@@ -35,7 +35,9 @@ def secrets_of(
             where = source.where("spec", "secrets", index)
             taken = [i for i in under if secret in images[i].args]
             for image in taken:
-                found[image] = replace(found[image], secrets=tuple(sorted({*found[image].secrets, secret})))
+                marked_images[image] = replace(
+                    marked_images[image], secrets=tuple(sorted({*marked_images[image].secrets, secret}))
+                )
             values = [*([variables[secret]] if secret in variables else []), *(images[i].args[secret] for i in taken)]
             if not values and name in doubtful:
                 continue
@@ -48,31 +50,31 @@ def secrets_of(
                 message = f"the value of '{secret}' is too short to be hidden where it is part of other text"
                 remedy = f"one of at least {SHORTEST_SECRET} characters"
                 yield Diagnostic(where, message, remedy, "warning")
-    return found
+    return marked_images
 
 
 def _under(image: str, images: Mapping[str, Image]) -> list[str]:
     """The Image of a reference, and all Images below it."""
-    found: list[str] = []
+    names: list[str] = []
     pending = [image]
     while pending:
         name = declared(pending.pop(), images)
-        if name and name not in found:
-            found.append(name)
+        if name and name not in names:
+            names.append(name)
             pending += images[name].bases
-    return found
+    return names
 
 
 def unread_secrets(root: Path, overlay: Mapping[Path, str | None], broken: Collection[str]) -> dict[str, Service]:
     """Secrets of manifests that are invalid on their own, as services that have nothing else."""
-    found: dict[str, Service] = {}
+    services: dict[str, Service] = {}
     for path in manifest_files(root):
         with contextlib.suppress(OSError):
             text = overlay.get(path) or read_text(path, root)
             documents = read_documents(text, str(path)) if path.stem in broken or "\n---" in text else []
             for number, (_, document, _) in enumerate(documents):
-                found |= _unread(f"{path.stem}?{number or ''}", path.stem, document)
-    return found
+                services |= _unread(f"{path.stem}?{number or ''}", path.stem, document)
+    return services
 
 
 def _unread(key: str, name: str, document: Document | None) -> dict[str, Service]:

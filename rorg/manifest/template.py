@@ -127,21 +127,21 @@ class _Parser:
     def pieces(self, at: int, depth: int) -> tuple[tuple[Piece, ...], int]:
         """Parses to the end of the text, or to the closing brace if inside braces (depth > 0); returns the pieces and
         the end. Braces of plain text are counted, as in `${A:-{}}`."""
-        found: list[Piece] = []
+        pieces: list[Piece] = []
         plain, inner = at, 0
         while sign := _SIGN.search(self.text, at):
             at = sign.end()
             if sign[0] == "}" and depth and not inner:
-                return (*_joined([*found, self.text[plain : sign.start()]]),), sign.start()
+                return (*_joined([*pieces, self.text[plain : sign.start()]]),), sign.start()
             if sign[0] in "{}":
                 inner += 1 if sign[0] == "{" else -1
                 continue
             piece: Piece = "$" if sign[0] == "$$" else Variable(sign[0][1:], sign.start(), at, braced=False)
             if sign[0] == "${":
                 piece, at = self.braced(sign.start(), depth)
-            found += [self.text[plain : sign.start()], piece]
+            pieces += [self.text[plain : sign.start()], piece]
             plain = at
-        return (*_joined([*found, self.text[plain:]]),), len(self.text)
+        return (*_joined([*pieces, self.text[plain:]]),), len(self.text)
 
     def braced(self, at: int, depth: int) -> tuple[Variable, int]:
         name = _NAME.match(self.text, at + 2)

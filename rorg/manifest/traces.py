@@ -61,13 +61,13 @@ def read_trace(path: Path, known: Collection[str] | None = None) -> Trace:
     return read_document(path, "Trace", TraceSpec, lambda found: _trace(found, known))
 
 
-def _trace(found: OneDocument[TraceSpec], known: Collection[str] | None) -> Reading[Trace]:
+def _trace(source: OneDocument[TraceSpec], known: Collection[str] | None) -> Reading[Trace]:
     if known is not None:
-        yield from _unknown(found, known)
-    spec, events, before = found.spec, list[TraceEvent](), 0.0
+        yield from _unknown(source, known)
+    spec, events, before = source.spec, list[TraceEvent](), 0.0
     held: set[tuple[str, str]] = set()
     for index, entry in enumerate(spec.events):
-        where, path = found.document.where, ("spec", "events", index)
+        where, path = source.document.where, ("spec", "events", index)
         if entry.at < before:
             yield Diagnostic(
                 where((*path, "at")), f"it comes after an entry of {before:g} s", "to order entries by time"
@@ -83,7 +83,7 @@ def _trace(found: OneDocument[TraceSpec], known: Collection[str] | None) -> Read
             yield Diagnostic(where((*path, "release")), f"{event.requester} holds no request '{event.id}' then")
         (held.add if event.services else held.discard)((event.requester, event.id))
         events.append(event)
-    return Trace(found.name, spec.duration, tuple(events), found.description)
+    return Trace(source.name, spec.duration, tuple(events), source.description)
 
 
 def _event(spec: TraceSpec, entry: TraceEntry) -> TraceEvent:
@@ -94,9 +94,9 @@ def _event(spec: TraceSpec, entry: TraceEntry) -> TraceEvent:
     return TraceEvent(entry.at, who, entry.request or entry.release or "", tuple(entry.services or ()))
 
 
-def _unknown(found: OneDocument[TraceSpec], known: Collection[str]) -> Iterator[Diagnostic]:
+def _unknown(source: OneDocument[TraceSpec], known: Collection[str]) -> Iterator[Diagnostic]:
     """Reports names that the robot does not have, at every place."""
-    spec, names = found.spec, {*known, "developer"}
+    spec, names = source.spec, {*known, "developer"}
     places = list[tuple[str, tuple[str | int, ...]]]([(spec.behaviour, ("behaviour",))])
     for state, services in spec.states.items():
         places += [(name, ("states", state, index)) for index, name in enumerate(services)]
@@ -106,7 +106,7 @@ def _unknown(found: OneDocument[TraceSpec], known: Collection[str]) -> Iterator[
     for name, path in places:
         if name not in names:
             what = f"no service or group '{name}'"
-            yield Diagnostic(found.document.where(("spec", *path)), what, nearest(name, names))
+            yield Diagnostic(source.document.where(("spec", *path)), what, nearest(name, names))
 
 
 def trace_text(trace: Trace) -> str:
@@ -130,11 +130,11 @@ def _behaviour(trace: Trace) -> str:
 
 
 def _states(trace: Trace) -> Mapping[str, tuple[str, ...]]:
-    found = dict[str, tuple[str, ...]]()
+    states = dict[str, tuple[str, ...]]()
     for event in trace.events:
-        if event.state and found.setdefault(event.state, event.services) != event.services:
+        if event.state and states.setdefault(event.state, event.services) != event.services:
             raise ValueError(f"state '{event.state}' requests one thing at first, and another at {event.at:g} s")
-    return found
+    return states
 
 
 def _entry(event: TraceEvent, behaviour: str) -> dict[str, Any]:

@@ -29,17 +29,17 @@ LEFT_OUT: Mapping[Kind, str] = {
 def objects_of(kind: Kind, sources: Mapping[str, Source], engine: str) -> Reading[dict[str, EngineObject]]:
     """Returns all objects of one kind. Two with the same engine name are an error. If `engine` does not have them, one
     warning says so."""
-    found = {name: _object(kind, source) for name, source in sources.items()}
+    objects = {name: _object(kind, source) for name, source in sources.items()}
     owners: dict[str, str] = {}
-    for name, one in found.items():
+    for name, one in objects.items():
         first = owners.setdefault(one.called, name)
         if first != name:
             where = sources[name].where("spec", "name") if one.called != name else sources[name].where("metadata")
             yield Diagnostic(where, f"the {kind} '{first}' is called '{one.called}' too", "another name")
-    if found and of_this_machine(engine):
-        where = sources[min(found)].where("kind")
+    if objects and of_this_machine(engine):
+        where = sources[min(objects)].where("kind")
         yield Diagnostic(where, LEFT_OUT[kind], "the docker engine, where that matters", "warning")
-    return found
+    return objects
 
 
 def _object(kind: Kind, source: Source) -> EngineObject:
@@ -61,15 +61,15 @@ def joined(service: Service, networks: Objects, volumes: Objects) -> Service:
     spec = service.spec
     if spec is None or not (networks or volumes):
         return service
-    found: dict[str, Any] = {}
+    replacements: dict[str, Any] = {}
     if networks and spec.get("networks"):
-        found["networks"] = {_called(name, networks): options for name, options in spec["networks"].items()}
+        replacements["networks"] = {_called(name, networks): options for name, options in spec["networks"].items()}
     if spec.get("network_mode") in networks:
-        found["network_mode"] = _called(spec["network_mode"], networks)
+        replacements["network_mode"] = _called(spec["network_mode"], networks)
     if volumes and spec.get("volumes"):
-        found["volumes"] = [_mounted(volume, volumes) for volume in spec["volumes"]]
-    changed = any(found[option] != spec[option] for option in found)
-    return replace(service, spec={**spec, **found}) if changed else service
+        replacements["volumes"] = [_mounted(volume, volumes) for volume in spec["volumes"]]
+    changed = any(replacements[option] != spec[option] for option in replacements)
+    return replace(service, spec={**spec, **replacements}) if changed else service
 
 
 def _called(name: str, objects: Objects) -> str:

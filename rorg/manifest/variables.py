@@ -117,11 +117,11 @@ def noted(diagnostics: Iterable[Diagnostic], documents: Iterable[Document]) -> l
         for path, used in document.filled.items()
         if (text := told(used))
     }
-    found = []
+    annotated = []
     for one in diagnostics:
         note = notes.get(one.where, "")
-        found.append(one if not note or note in one.message else replace(one, message=f"{one.message} ({note})"))
-    return found
+        annotated.append(one if not note or note in one.message else replace(one, message=f"{one.message} ({note})"))
+    return annotated
 
 
 def told(used: Iterable[Use]) -> str:
@@ -146,19 +146,19 @@ class _Filler:
 
     def text(self, text: str, path: Loc) -> str:
         """Fills in one text. Before a brace, two dollar signs stand for one, as in Compose."""
-        found, at = [], 0
+        parts, at = [], 0
         while match := _BRACES.search(text, at):
             dollars, name = len(match[1]), match[2]
-            found.append(text[at : match.start()])
+            parts.append(text[at : match.start()])
             at = match.end(1)
             if not (name in self.variables.values or _CAPITALS.fullmatch(name)):
-                found.append(match[1])
+                parts.append(match[1])
                 continue
-            found.append("$" * (dollars // 2))
+            parts.append("$" * (dollars // 2))
             if dollars % 2:
                 value, at = self.reference(text, at - 1, path)
-                found.append(value)
-        return "".join(found) + text[at:]
+                parts.append(value)
+        return "".join(parts) + text[at:]
 
     def reference(self, text: str, at: int, path: Loc) -> tuple[str, int]:
         """Returns the value of the reference at an offset, and its end."""

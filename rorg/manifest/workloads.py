@@ -114,14 +114,14 @@ def read_workload(path: Path) -> Workload:
     return read_document(path, "Workload", WorkloadSpec, _workload)
 
 
-def _workload(found: OneDocument[WorkloadSpec]) -> Reading[Workload]:
-    spec = found.spec
+def _workload(source: OneDocument[WorkloadSpec]) -> Reading[Workload]:
+    spec = source.spec
     places = list[tuple[tuple[str, ...], BehaviourSpec]]()
     places += [(("services", name), one) for name, one in spec.services.items()]
     places += [(("classes", name), one) for name, one in spec.classes.items()]
     places += [(("others",), spec.others)] if spec.others else []
     for path, one in places:
-        where = found.document.where(("spec", *path, "class"))
+        where = source.document.where(("spec", *path, "class"))
         if one.class_ is not None and path[0] == "classes":
             yield Diagnostic(where, "a class has no class of its own", "to say everything in one")
         elif one.class_ is not None and one.class_ not in spec.classes:
@@ -129,15 +129,15 @@ def _workload(found: OneDocument[WorkloadSpec]) -> Reading[Workload]:
     services = {name: _behaviour(one, spec.classes) for name, one in spec.services.items()}
     others = _behaviour(spec.others or BehaviourSpec(), spec.classes)
     calls = {str(verb): one.distribution for verb, one in spec.calls.items()}
-    return Workload(found.name, services, others, calls)
+    return Workload(source.name, services, others, calls)
 
 
 def _behaviour(spec: BehaviourSpec, classes: Mapping[str, BehaviourSpec]) -> Behaviour:
     shared = classes.get(spec.class_ or "", BehaviourSpec())
 
     def use(of: str, when: str) -> Distribution | None:
-        found = (getattr(getattr(one, of), when, None) for one in (spec, shared))
-        return next((one.distribution for one in found if one is not None), None)
+        candidates = (getattr(getattr(one, of), when, None) for one in (spec, shared))
+        return next((one.distribution for one in candidates if one is not None), None)
 
     def said(name: str) -> Any:
         return next((v for one in (spec, shared) if (v := getattr(one, name)) is not None), None)

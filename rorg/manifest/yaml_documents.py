@@ -17,15 +17,15 @@ def document_texts(text: str) -> list[str]:
     directives belongs to the document after it, or to the last one."""
     starts = [match.start() for match in _SEPARATOR.finditer(text)]
     parts = [text[a:b] for a, b in zip([0, *starts], [*starts, len(text)], strict=True)]
-    found, before = list[str](), ""
+    texts, before = list[str](), ""
     for part in parts:
         before += part
         if _CONTENT.search(part):
-            found.append(before)
+            texts.append(before)
             before = ""
-    if before and found:
-        found[-1] += before
-    return found or [text]
+    if before and texts:
+        texts[-1] += before
+    return texts or [text]
 
 
 def read_documents(
@@ -37,15 +37,15 @@ def read_documents(
     if len(texts) > items:
         message = f"{len(texts)} documents, which is more than {items}"
         return [(text, None, [Diagnostic(Where(file), message, "fewer")])]
-    found = list[tuple[str, Document | None, list[Diagnostic]]]()
+    documents = list[tuple[str, Document | None, list[Diagnostic]]]()
     line = count = 0
     for part in texts:
         reader = Reader(file, False, most, items, line, count)
-        found.append((part, read_one(reader, part), reader.diagnostics))
+        documents.append((part, read_one(reader, part), reader.diagnostics))
         line, count = line + part.count("\n"), reader.count
         if count > most:
             break
-    return found
+    return documents
 
 
 def key_of(document: Document | None) -> tuple[str, str]:

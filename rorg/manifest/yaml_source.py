@@ -84,9 +84,9 @@ class Document:
     def where(self, path: Path, key: bool = False) -> Where:
         """The place of a value (or of its key); of its nearest existing ancestor if the path does not exist."""
         while path:
-            found = (self.keys if key else self.values).get(path) or self.values.get(path)
-            if found:
-                return Where(self.files.get(path, self.file), *found)
+            place = (self.keys if key else self.values).get(path) or self.values.get(path)
+            if place:
+                return Where(self.files.get(path, self.file), *place)
             path, key = path[:-1], False
         return Where(self.file, *self.values.get((), (1, 1)))
 
@@ -211,15 +211,17 @@ def allows(text: str, file: str, start: int = 0) -> tuple[Allow, ...]:
     that is not a comment. `start`: lines of the file before the text."""
     if "rorg:" not in text:
         return ()
-    found, following = list[Allow](), 0
+    allowances, following = list[Allow](), 0
     for number, line in reversed([*enumerate(text.split("\n"), start + 1)]):
         comment = line.lstrip().startswith("#")
         if match := _ALLOW.search(line):
             last = following or number if comment else number
-            found.append(Allow(Where(file, number, match.start(1) + 1), match[2], match[3].strip(), (number, last)))
+            allowances.append(
+                Allow(Where(file, number, match.start(1) + 1), match[2], match[3].strip(), (number, last))
+            )
         if line.strip() and not comment:
             following = number
-    return tuple(reversed(found))
+    return tuple(reversed(allowances))
 
 
 def read_yaml(
@@ -259,6 +261,6 @@ def _empty(node: Any) -> bool:
 
 def as_scalar(text: str) -> str | int | float | bool:
     """Converts a text to the number or boolean that YAML reads, or returns it unchanged."""
-    document, found = read_yaml(text, "")
-    value = document.value if document and not found else None
+    document, diagnostics = read_yaml(text, "")
+    value = document.value if document and not diagnostics else None
     return value if isinstance(value, bool | int | float) else text

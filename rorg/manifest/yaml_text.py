@@ -70,10 +70,10 @@ def _quoted(text: str) -> str:
 
 
 def _mapping(value: Mapping[str, Any]) -> list[str]:
-    found: list[str] = []
+    lines: list[str] = []
     for key, item in value.items():
-        found += _entry(f"{scalar(key)}:", item)
-    return found
+        lines += _entry(f"{scalar(key)}:", item)
+    return lines
 
 
 def _entry(head: str, item: Any) -> list[str]:

@@ -60,12 +60,12 @@ Reading = Generator[Diagnostic, None, T]
 
 def collected(reading: Generator[Y, None, T]) -> tuple[T, list[Y]]:
     """Runs a reading; returns what it read, and everything that is wrong."""
-    found: list[Y] = []
+    problems: list[Y] = []
     while True:
         try:
-            found.append(next(reading))
+            problems.append(next(reading))
         except StopIteration as end:
-            return end.value, found
+            return end.value, problems
 
 
 MOST_SUGGESTIONS = 100

@@ -12,14 +12,14 @@ from rorg.model.image_names import plain
 
 def closure(services: Mapping[str, Service], names: Iterable[str]) -> set[str]:
     """The named services and everything that they need."""
-    found: set[str] = set()
+    members: set[str] = set()
     pending = list(names)
     while pending:
         name = pending.pop()
-        if name not in found and name in services:
-            found.add(name)
+        if name not in members and name in services:
+            members.add(name)
             pending += services[name].needs
-    return found
+    return members
 
 
 def cycles(graph: Mapping[str, Iterable[str]]) -> list[list[str]]:
@@ -44,10 +44,10 @@ def _path(graph: Mapping[str, Iterable[str]], begin: str, end: str) -> tuple[str
             if to not in before:
                 before[to] = name
                 pending.append(to)
-    found = [end] if end in before else []
-    while found and before[found[-1]]:
-        found.append(before[found[-1]])
-    return tuple(reversed(found))
+    path = [end] if end in before else []
+    while path and before[path[-1]]:
+        path.append(before[path[-1]])
+    return tuple(reversed(path))
 
 
 def _from_least(names: tuple[str, ...]) -> tuple[str, ...]:
@@ -92,9 +92,9 @@ def parents_first(images: Mapping[str, Image]) -> list[str]:
 def made_from(catalog: Catalog) -> dict[str, list[str]]:
     """Image, by its name or shortest reference -> the services that use it, sorted."""
     called = {image.reference: name for name, image in catalog.images.items() if image.reference}
-    found: dict[str, list[str]] = {}
+    by_image: dict[str, list[str]] = {}
     for name in sorted(catalog.services):
         spec = catalog.services[name].spec
         if spec is not None:
-            found.setdefault(called.get(spec["image"]) or plain(spec["image"]), []).append(name)
-    return found
+            by_image.setdefault(called.get(spec["image"]) or plain(spec["image"]), []).append(name)
+    return by_image

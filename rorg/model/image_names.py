@@ -27,8 +27,8 @@ def plain(reference: str) -> str:
 
 def declared(reference: str, names: Collection[str]) -> str:
     """The Image that a reference means; empty if it is none of them."""
-    found = plain(reference)
-    return found if found in names else ""
+    name = plain(reference)
+    return name if name in names else ""
 
 
 def with_identity(name: str, identity: str) -> str:

@@ -40,14 +40,14 @@ def ends_with(joins: Joins) -> list[str]:
 
 def resolved(spec: Mapping[str, Any], joins: Joins, containers: Mapping[str, str]) -> dict[str, Any]:
     """The spec for the engine, with ids of containers (by service) instead of names of services."""
-    found = dict(spec)
+    engine_spec = dict(spec)
     for name, options in joins.items():
         for option in options:
             if option == VOLUMES:
-                found[option] = _volumes(found[option], name, containers[name])
+                engine_spec[option] = _volumes(engine_spec[option], name, containers[name])
             else:
-                found[option] = CONTAINER + containers[name]
-    return found
+                engine_spec[option] = CONTAINER + containers[name]
+    return engine_spec
 
 
 def _volumes(values: Sequence[str], name: str, container: str) -> list[str]:

@@ -60,10 +60,10 @@ def _inside(text: str, part: str) -> tuple[int, int, str]:
 
 
 def _range(text: str, part: str, least: int) -> tuple[int, int]:
-    found = re.fullmatch(r"([0-9]{1,5})(?:-([0-9]{1,5}))?", part, re.ASCII)
-    if not found:
+    match = re.fullmatch(r"([0-9]{1,5})(?:-([0-9]{1,5}))?", part, re.ASCII)
+    if not match:
         raise ValueError(f"'{text}' is not a port; write HOST:CONTAINER, such as 8080:80, or ranges of both")
-    low, high = int(found[1]), int(found[2] or found[1])
+    low, high = int(match[1]), int(match[2] or match[1])
     if not least <= low <= high <= HIGHEST:
         raise ValueError(
             f"'{text}' has a port that is not between {least} and {HIGHEST}, or a range that ends before it begins"

@@ -32,15 +32,15 @@ class Trace:
 
     def states(self) -> list[tuple[float, float, str, str]]:
         """(from, to, behaviour, state) of all states, in order of time."""
-        found, open_at = list[tuple[float, float, str, str]](), dict[str, tuple[float, str]]()
+        states, open_at = list[tuple[float, float, str, str]](), dict[str, tuple[float, str]]()
         for event in self.events:
             if event.requester in open_at:
                 since, state = open_at.pop(event.requester)
-                found.append((since, event.at, event.requester, state))
+                states.append((since, event.at, event.requester, state))
             if event.state:
                 open_at[event.requester] = event.at, event.state
-        found += [(since, self.duration, who, state) for who, (since, state) in open_at.items()]
-        return sorted(found)
+        states += [(since, self.duration, who, state) for who, (since, state) in open_at.items()]
+        return sorted(states)
 
     def compressed(self, factor: float) -> Trace:
         """The same trace, `factor` times faster."""

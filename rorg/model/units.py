@@ -29,22 +29,22 @@ def parse_duration(value: object) -> float:
     """Converts "20s", "1m30s" or "250ms" to seconds; a number without a unit, even as text, is seconds."""
     if isinstance(value, str) and re.match(DURATION, value):
         parts = re.findall(r"([0-9.]+)(ms|s|m|h|d)", value) or [(value, "s")]
-        found = sum(float(number) * _SECONDS[unit] for number, unit in parts)
+        seconds = sum(float(number) * _SECONDS[unit] for number, unit in parts)
     elif isinstance(value, int | float) and not isinstance(value, bool) and value >= 0:
-        found = float(min(value, 2 * LONGEST))  # an int may be too large for a float
+        seconds = float(min(value, 2 * LONGEST))  # an int may be too large for a float
     else:
         raise ValueError(f"{value!r} is not a duration; write 20s, 1m30s or 250ms, or seconds as a number")
-    if found > LONGEST:
+    if seconds > LONGEST:
         raise ValueError(f"{value!r} is more than ten years")
-    return found
+    return seconds
 
 
 def parse_lease(value: object) -> float:
     """Seconds of a lease, which must be long enough to be renewed."""
-    found = parse_duration(value)
-    if found < SHORTEST_LEASE:
+    seconds = parse_duration(value)
+    if seconds < SHORTEST_LEASE:
         raise ValueError(f"a lease of {value} would be over before it can be renewed; try 10s, and 100ms at the least")
-    return found
+    return seconds
 
 
 def format_duration(seconds: float) -> str:
@@ -59,10 +59,10 @@ def parse_memory(value: object) -> int:
     if not isinstance(value, str) or not re.match(MEMORY, value):
         raise ValueError(f"{value!r} is not an amount of memory; write 180Mi, 2Gi, or bytes as a number")
     number, unit = re.match(r"([0-9.]+)(.*)", value).groups()  # type: ignore[union-attr]
-    found = float(number) * _BYTES[unit[:1].lower()]
-    if found > LARGEST:
+    amount = float(number) * _BYTES[unit[:1].lower()]
+    if amount > LARGEST:
         raise ValueError(f"{value!r} is more than any machine has")
-    return int(found)
+    return int(amount)
 
 
 def format_seconds(seconds: float) -> str:

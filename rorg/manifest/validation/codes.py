@@ -38,9 +38,9 @@ def _read(text: str) -> dict[str, dict[str, Code]]:
         if entry.startswith("# "):
             family = table[entry.removeprefix("# ")] = {}
         else:
-            found = _ENTRY.fullmatch(entry)
-            assert found, entry
-            name, marks, cause, remedy = found.groups()
+            match = _ENTRY.fullmatch(entry)
+            assert match, entry
+            name, marks, cause, remedy = match.groups()
             severity = next((s for s in ("error", "hint") if f"({s})" in marks), "warning")
             once, machine = "(once)" in marks, "(machine)" in marks
             family[name] = Code(re.sub(r"\n +", " ", cause), remedy, severity, once, machine)

@@ -86,9 +86,9 @@ def _lost(words: tuple[str, ...]) -> str:
 
 
 def _terminals(subject: Subject) -> Iterator[Finding]:
-    found = KEYBOARD & subject.executables
-    if found and not subject.options.get("tty"):
-        message = f"{min(found)} reads keys from a terminal, and '{subject.name}' has none"
+    programs = KEYBOARD & subject.executables
+    if programs and not subject.options.get("tty"):
+        message = f"{min(programs)} reads keys from a terminal, and '{subject.name}' has none"
         yield Finding("keyboard-without-terminal", subject.command(), message)
 
 
@@ -114,9 +114,9 @@ def _probes(subject: Subject) -> Iterator[Finding]:
         if asked.probe.kind == "log" and silent:
             message = f"'{subject.name}' is asked for a line of its output, and logging: none keeps no output"
             yield Finding("log-probe-without-log", subject.at(*asked.path), message)
-        found = LOCAL.match(str(asked.probe.target)) if asked.probe.kind in ("tcp", "http") else None
-        if found and (meant := _swapped(subject, found[1])):
-            message = f"the probe asks port {found[1]}, and the command names port {meant}"
+        match = LOCAL.match(str(asked.probe.target)) if asked.probe.kind in ("tcp", "http") else None
+        if match and (meant := _swapped(subject, match[1])):
+            message = f"the probe asks port {match[1]}, and the command names port {meant}"
             yield Finding("probe-port-swapped", subject.at(*asked.path), message, meant)
 
 

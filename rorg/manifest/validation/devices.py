@@ -56,12 +56,12 @@ CAN = re.compile(r"(?<![\w./-])(?:v|sl)?can[0-9]{1,2}(?![\w./:-])")
 def _paths(subject: Subject) -> Iterator[Finding]:
     named = [(host, subject.device(host)) for host, _ in subject.devices]
     named += [(m.path, subject.volume(m)) for m in subject.mounts if m.path.startswith("/dev/")]
-    found = dict[str, dict[str, Where]]()
+    by_remedy = dict[str, dict[str, Where]]()
     for host, where in named:
         stable = next((remedy for form, remedy in UNSTABLE if form.fullmatch(host)), "")
         if stable:
-            found.setdefault(stable, {}).setdefault(host, where)
-    for stable, places in found.items():
+            by_remedy.setdefault(stable, {}).setdefault(host, where)
+    for stable, places in by_remedy.items():
         are = "another device" if len(places) == 1 else "other devices"
         message = f"{', '.join(places)} may be {are} after unplugging, or after a reboot of the machine"
         yield Finding("unstable-device-path", min(places.values()), message, stable)
@@ -178,9 +178,9 @@ def _members(subject: Subject) -> Iterator[Finding]:
 def _can(robot: Robot) -> Iterator[Finding]:
     """Interfaces of a CAN bus, which only the host's network has."""
     for subject in robot.subjects:
-        found = next((m for word in subject.words if (m := CAN.search(word))), None)
-        if found and robot.whose(subject, "network_mode") != "host" and "ip link add" not in subject.script:
-            message = f"'{subject.name}' uses {found[0]}, which its network ({subject.network}) does not have"
+        match = next((m for word in subject.words if (m := CAN.search(word))), None)
+        if match and robot.whose(subject, "network_mode") != "host" and "ip link add" not in subject.script:
+            message = f"'{subject.name}' uses {match[0]}, which its network ({subject.network}) does not have"
             yield Finding("can-without-host-network", subject.command(), message)
 
 

@@ -44,11 +44,11 @@ def _screens(subject: Subject) -> Iterator[Finding]:
 
 def _windows(subject: Subject) -> Iterator[Finding]:
     """Programs that draw windows, in containers that know no screen."""
-    found = WINDOWS & subject.executables
-    if not found or not {"DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM"}.isdisjoint(subject.env):
+    programs = WINDOWS & subject.executables
+    if not programs or not {"DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM"}.isdisjoint(subject.env):
         return
     if not ELSEWHERE.search(" ".join(subject.words)):
-        message = f"{min(found)} opens a window, and DISPLAY is not set, unless the image sets it"
+        message = f"{min(programs)} opens a window, and DISPLAY is not set, unless the image sets it"
         yield Finding("window-without-display", subject.command(), message)
 
 
@@ -72,9 +72,9 @@ def _files(subject: Subject) -> Iterator[Finding]:
         return
     targets = [mount.target for mount in subject.mounts]
     for name in (name for name in FILES if name in subject.env):
-        found = NAMED.match(subject.env[name])
-        if found and not any(f"{found[1]}/".startswith(f"{target}/") for target in targets):
-            message = f"{name} names {found[1]}, and no mount gives it: it is missing if the image lacks it, too"
+        match = NAMED.match(subject.env[name])
+        if match and not any(f"{match[1]}/".startswith(f"{target}/") for target in targets):
+            message = f"{name} names {match[1]}, and no mount gives it: it is missing if the image lacks it, too"
             yield Finding("file-not-mounted", subject.variable(name), message)
 
 

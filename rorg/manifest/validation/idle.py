@@ -56,11 +56,11 @@ def _infrastructure(robot: Robot) -> Iterator[Finding]:
 def _actuators(robot: Robot) -> Iterator[Finding]:
     for subject in (s for s in robot.subjects if s.pauses and not s.mindful):
         said = f"{subject.name} {subject.source.description}" if subject.service.driver else ""
-        found = next(filter(None, map(_actuator, (*texts_of(subject), said))), "")
-        limb = LIMBS.search(subject.name) if subject.service.driver and not found else None
-        found = limb[0] if limb else found
-        if found:
-            message = f"'{subject.name}' is paused when idle, and it moves something ('{found}'): on resume it "
+        word = next(filter(None, map(_actuator, (*texts_of(subject), said))), "")
+        limb = LIMBS.search(subject.name) if subject.service.driver and not word else None
+        word = limb[0] if limb else word
+        if word:
+            message = f"'{subject.name}' is paused when idle, and it moves something ('{word}'): on resume it "
             message += "receives all commands sent meanwhile"
             yield Finding("pause-of-actuator-consumer", subject.at("idle", "action"), message)
 
@@ -69,8 +69,8 @@ def _actuators(robot: Robot) -> Iterator[Finding]:
 def _actuator(text: str) -> str:
     """The first word that shows that it moves something; empty if there is none."""
     low = text.lower()
-    found = ACTUATORS.search(text) if any(hint in low for hint in HINTS) else None
-    return found[0] if found else ""
+    match = ACTUATORS.search(text) if any(hint in low for hint in HINTS) else None
+    return match[0] if match else ""
 
 
 def _nodes(robot: Robot) -> Iterator[Finding]:
@@ -117,8 +117,8 @@ def _servers(robot: Robot) -> Iterator[Finding]:
     """Paused servers that others connect to without keeping them active."""
     for subject in (s for s in robot.subjects if s.pauses and not s.is_master and ports_of(s)):
         others = (s for s in robot.subjects if s is not subject and not robot.apart(s, subject))
-        found = [(s, port) for s in others if (port := _called(s, subject))]
-        callers = {s.name: port for s, port in found if subject.name not in robot.asks_for(s)}
+        calls = [(s, port) for s in others if (port := _called(s, subject))]
+        callers = {s.name: port for s, port in calls if subject.name not in robot.asks_for(s)}
         if callers:
             (first, port), *more = callers.items()
             so = f"; so do {', '.join(name for name, _ in more)}" if more else ""

@@ -137,9 +137,9 @@ def _lost_bags(subject: Subject) -> Iterator[Finding]:
         words = [w.rpartition("/")[2] for w in command]
         if "record" not in words or {"rosbag", "bag"}.isdisjoint(words):
             continue
-        found = (b for a, b in pairwise(command) if a in OUTPUTS)
+        outputs = (b for a, b in pairwise(command) if a in OUTPUTS)
         path = next((w.partition("=")[2] for w in command if w.partition("=")[0] in OUTPUTS and "=" in w), "")
-        path = posixpath.join(str(subject.options.get("working_dir") or ""), path or next(found, "."))
+        path = posixpath.join(str(subject.options.get("working_dir") or ""), path or next(outputs, "."))
         if path.startswith("/") and "$" not in path:
             lost = not any(f"{posixpath.normpath(path)}/".startswith(f"{target}/") for target in kept)
         else:

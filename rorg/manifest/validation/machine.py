@@ -26,16 +26,18 @@ WRITES, OTHERS_WRITE = 0o222, 0o002
 def named_paths(catalog: Catalog, sources: Mapping[str, Mapping[str, Source]]) -> set[str]:
     """The paths of the machine that a robot uses: devices and mounts."""
     robot = Robot(catalog, sources)
-    found = {host for s in robot.subjects for host, _ in s.devices if host.startswith("/")}
-    return found | {m.path for s in robot.subjects for m in s.mounts if m.path and not m.source.startswith(RUN)}
+    devices = {host for s in robot.subjects for host, _ in s.devices if host.startswith("/")}
+    return devices | {m.path for s in robot.subjects for m in s.mounts if m.path and not m.source.startswith(RUN)}
 
 
 def check_machine(catalog: Catalog, sources: Mapping[str, Mapping[str, Source]], machine: Machine) -> list[Diagnostic]:
     """Returns what cannot work on this machine, without what comments allow."""
     robot = Robot(catalog, sources)
     allows = [a for a in allows_of(sources) if a.code in CODES and CODES[a.code].machine and a.reason]
-    found = (f for s in robot.subjects for check in _CHECKS for f in check(s, machine))
-    return allowed(diagnostics([*found, *_sum(robot, machine), *_shared_memory(robot, machine)]), allows, machine=True)
+    findings = (f for s in robot.subjects for check in _CHECKS for f in check(s, machine))
+    return allowed(
+        diagnostics([*findings, *_sum(robot, machine), *_shared_memory(robot, machine)]), allows, machine=True
+    )
 
 
 def _devices(subject: Subject, machine: Machine) -> Iterator[Finding]:

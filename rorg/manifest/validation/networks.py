@@ -148,10 +148,10 @@ def _names(robot: Robot) -> Iterator[Finding]:
 @lru_cache(maxsize=8192)
 def _hosts(variable: str, text: str) -> frozenset[str]:
     """The hosts that the value of a variable names, or a word of a command line if `variable` is empty."""
-    found = set(URL_HOST.findall(text)) if "://" in text else set[str]()
+    hosts = set(URL_HOST.findall(text)) if "://" in text else set[str]()
     if variable and ":" in text:
-        found |= {host for host, port in PLACE.findall(text) if int(port) >= FIRST_FREE}
-    return frozenset(found | {text} if variable and NAMES_HOST.search(variable) else found)
+        hosts |= {host for host, port in PLACE.findall(text) if int(port) >= FIRST_FREE}
+    return frozenset(hosts | {text} if variable and NAMES_HOST.search(variable) else hosts)
 
 
 def _addresses(subject: Subject) -> Iterator[Finding]:

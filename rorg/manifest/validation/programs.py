@@ -63,15 +63,15 @@ def _probes(subject: Subject) -> Iterator[Finding]:
     """ROS programs as probes: each takes a second and a share of a CPU."""
     for asked in subject.asked:
         command = asked.probe.target
-        found = _cli(" ".join(command)) if asked.probe.kind == "exec" and isinstance(command, tuple) else ""
-        if found:
-            message = f"{found} takes a second each time, and is asked every {asked.probe.interval:g} s"
+        program = _cli(" ".join(command)) if asked.probe.kind == "exec" and isinstance(command, tuple) else ""
+        if program:
+            message = f"{program} takes a second each time, and is asked every {asked.probe.interval:g} s"
             yield Finding("costly-probe", subject.at(*asked.path), message)
     check = subject.options.get("healthcheck") or {}
     test = check.get("test") or []
-    found = _cli(" ".join(test))
-    if found and not check.get("disable"):
-        message = f"{found} takes a second each time, and the engine asks it all the time"
+    program = _cli(" ".join(test))
+    if program and not check.get("disable"):
+        message = f"{program} takes a second each time, and the engine asks it all the time"
         yield Finding("costly-probe", subject.option("healthcheck", "test"), message)
     off = check.get("disable") or test == ["NONE"]
     for asked in (a for a in subject.asked_ready if off and a.probe.kind == "engine"):
@@ -88,10 +88,10 @@ def _loops(script: str) -> bool:
     """Whether a script polls and sleeps in a loop."""
     at = 0
     for word in LOOP:
-        found = word.search(script, at)
-        if found is None:
+        match = word.search(script, at)
+        if match is None:
             return False
-        at = found.end()
+        at = match.end()
     return True
 
 
@@ -155,9 +155,9 @@ def _shell_words(subject: Subject) -> Iterator[Finding]:
     words = tuple(subject.options.get("command") or ())
     if not words or any(w.rpartition("/")[2] in SHELLS for w in subject.words):
         return
-    found = _for_a_shell(words)
-    if found:
-        message = f"no shell runs this command, and '{found}' is handed to the program as it is"
+    word = _for_a_shell(words)
+    if word:
+        message = f"no shell runs this command, and '{word}' is handed to the program as it is"
         yield Finding("shell-words-without-shell", subject.command(), message)
     elif "sudo" in words and "no-new-privileges:true" in (subject.options.get("security_opt") or ()):
         yield Finding("sudo-without-privileges", subject.command(), "sudo gains nothing under no-new-privileges")
@@ -167,9 +167,9 @@ def _for_a_shell(words: tuple[str, ...]) -> str:
     """The first word that only a shell understands. The text behind `-c` and similar options is for another program."""
     if words[0] in ("source", "."):
         return words[0]
-    found = next((w for w in words if w in OPERATORS), "")
-    if found:
-        return found
+    operator = next((w for w in words if w in OPERATORS), "")
+    if operator:
+        return operator
     text = next((n for n, w in enumerate(words) if w in ("-c", "-e", "--eval")), len(words))
     return next((w for w in words[:text] if EXPANDED.search(w)), "")
 

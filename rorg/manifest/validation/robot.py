@@ -95,14 +95,14 @@ class Robot:
 
     def asks_for(self, subject: Subject) -> set[str]:
         """Everything that a service needs, or may request itself."""
-        found = set(self.needs(subject.name))
+        names = set(self.needs(subject.name))
         for name in subject.service.may_request:
             for member in self.catalog.members(name):
-                found |= self.needs(member)
+                names |= self.needs(member)
         for request in self.catalog.requests:
             if request.requester == subject.name:
-                found |= {n for s in request.services for m in self.catalog.members(s) for n in self.needs(m)}
-        return found
+                names |= {n for s in request.services for m in self.catalog.members(s) for n in self.needs(m)}
+        return names
 
 
 class Finding(NamedTuple):

@@ -104,10 +104,10 @@ def _hidden(robot: Robot) -> Iterator[Finding]:
     for subject in robot.subjects:
         named = {name for text in texts_of(subject) for name in names_in(text) & givers.keys()}
         named |= {f":{port}" for port in ports_named(subject)} & givers.keys()
-        found = {g.name: n for n in sorted(named) if (g := givers[n]) is not subject and not g.is_master}
-        asked = robot.asks_for(subject) if found else set()
-        own = names_of_nodes(subject) if found and subject.ros1 else frozenset()
-        for name, what in sorted(found.items()):
+        dependencies = {g.name: n for n in sorted(named) if (g := givers[n]) is not subject and not g.is_master}
+        asked = robot.asks_for(subject) if dependencies else set()
+        own = names_of_nodes(subject) if dependencies and subject.ros1 else frozenset()
+        for name, what in sorted(dependencies.items()):
             other = givers[what]
             back = subject.name in robot.needs(name)
             if name in asked or back or what in own or robot.apart(subject, other):

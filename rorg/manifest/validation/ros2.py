@@ -83,8 +83,8 @@ def _differing(robot: Robot) -> Iterator[Finding]:
 
 
 def _releases(robot: Robot) -> Iterator[Finding]:
-    found = {s.name: RELEASES.search(s.env.get("ROS_DISTRO") or str(s.options.get("image", ""))) for s in robot.ros2}
-    values = {name: match[1] for name, match in found.items() if match}
+    matches = {s.name: RELEASES.search(s.env.get("ROS_DISTRO") or str(s.options.get("image", ""))) for s in robot.ros2}
+    values = {name: match[1] for name, match in matches.items() if match}
     for subject, usual in minority([s for s in robot.ros2 if s.name in values], values):
         message = f"'{subject.name}' is of {values[subject.name]}, others of {usual}: they may not find each other"
         where = subject.variable("ROS_DISTRO") if "ROS_DISTRO" in subject.env else subject.at("image")
@@ -107,11 +107,11 @@ def _unsaid(subject: Subject) -> str:
 def _sharers(robot: Robot) -> dict[str, list[Subject]]:
     """Services that exchange data only by shared memory, by the owner of that memory: at the same address, each assumes
     that the other is on its own machine."""
-    found: dict[str, list[Subject]] = {}
+    by_owner: dict[str, list[Subject]] = {}
     for subject in robot.ros2:
         if shares_memory(subject) and robot.whose(subject, "network_mode") == "host":
-            found.setdefault(robot.whose(subject, "ipc"), []).append(subject)
-    return found
+            by_owner.setdefault(robot.whose(subject, "ipc"), []).append(subject)
+    return by_owner
 
 
 def _memory(robot: Robot) -> Iterator[Finding]:

@@ -39,8 +39,8 @@ def validate(catalog: Catalog, sources: Mapping[str, Mapping[str, Source]], cont
     """Findings about a tree whose manifests are valid on their own, without what comments allow. `sources` are the
     manifests of the Catalog, by kind and name. `contained`: its programs run in containers."""
     robot = Robot(catalog, sources, contained)
-    found = [d for check in CHECKS for d in _found(check, robot)]
-    return list(_once(allowed(found, allows_of(sources), machine=False)))
+    findings = [d for check in CHECKS for d in _found(check, robot)]
+    return list(_once(allowed(findings, allows_of(sources), machine=False)))
 
 
 def _found(check: Check, robot: Robot) -> list[Diagnostic]:
@@ -48,22 +48,22 @@ def _found(check: Check, robot: Robot) -> list[Diagnostic]:
     try:
         return list(diagnostics(check(robot)))
     except Exception as bug:
-        where = next((s.where("kind") for found in robot.sources.values() for s in found.values()), Where(""))
+        where = next((s.where("kind") for by_name in robot.sources.values() for s in by_name.values()), Where(""))
         return [replace(unexpected(where, bug), severity="warning")]
 
 
 def diagnostics(findings: Iterable[Finding]) -> Iterator[Diagnostic]:
     """Completes findings from the table of codes."""
-    for found in findings:
-        code = CODES[found.code]
-        remedy, severity = found.remedy or code.remedy, found.severity or code.severity
-        yield Diagnostic(found.where, found.message, remedy, severity, found.code)
+    for finding in findings:
+        code = CODES[finding.code]
+        remedy, severity = finding.remedy or code.remedy, finding.severity or code.severity
+        yield Diagnostic(finding.where, finding.message, remedy, severity, finding.code)
 
 
-def _once(found: Iterable[Diagnostic]) -> Iterator[Diagnostic]:
+def _once(findings: Iterable[Diagnostic]) -> Iterator[Diagnostic]:
     """Reduces findings of the codes that a robot shows only once to the first of each, with the number of others."""
     places: dict[str, list[Diagnostic]] = {}
-    for diagnostic in sorted(found):
+    for diagnostic in sorted(findings):
         if diagnostic.code in CODES and CODES[diagnostic.code].once:
             places.setdefault(diagnostic.code, []).append(diagnostic)
         else:
@@ -75,10 +75,10 @@ def _once(found: Iterable[Diagnostic]) -> Iterator[Diagnostic]:
 
 def allows_of(sources: Mapping[str, Mapping[str, Source]]) -> list[Allow]:
     """The comments of these files that allow warnings."""
-    return [allow for found in sources.values() for source in found.values() for allow in source.document.allows]
+    return [allow for by_name in sources.values() for source in by_name.values() for allow in source.document.allows]
 
 
-def allowed(found: Iterable[Diagnostic], allows: Collection[Allow], machine: bool) -> list[Diagnostic]:
+def allowed(findings: Iterable[Diagnostic], allows: Collection[Allow], machine: bool) -> list[Diagnostic]:
     """Returns the remaining diagnostics, and those about the comments themselves. `machine`: whether findings about
     this machine are included. Without them, a comment that allows one may look unused."""
     good: dict[tuple[str, str], list[Allow]] = {}
@@ -87,7 +87,7 @@ def allowed(found: Iterable[Diagnostic], allows: Collection[Allow], machine: boo
             good.setdefault((allow.where.file, allow.code), []).append(allow)
     used: set[Allow] = set()
     left = []
-    for diagnostic in found:
+    for diagnostic in findings:
         near = good.get((diagnostic.where.file, diagnostic.code), []) if diagnostic.severity != "error" else []
         by = [a for a in near if a.lines[0] <= diagnostic.where.line <= a.lines[1]]
         used.update(by)

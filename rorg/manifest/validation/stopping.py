@@ -91,25 +91,27 @@ def _images(robot: Robot) -> Iterator[Finding]:
             continue
         name = declared(str(options.get("image") or ""), robot.catalog.images)
         programs = _programs(robot, name) if name else Programs()
-        found = programs.entrypoint if programs.entrypoint and programs.entrypoint.by_shell else programs.command
-        if found is None or not found.by_shell or EXEC.search(found.text):
+        program = programs.entrypoint if programs.entrypoint and programs.entrypoint.by_shell else programs.command
+        if program is None or not program.by_shell or EXEC.search(program.text):
             continue
-        if found.instruction == "ENTRYPOINT" or not options.get("command"):
-            message = f"'{name}' is started by a shell ({found.instruction} {found.text[:40]}), which keeps the signal "
+        if program.instruction == "ENTRYPOINT" or not options.get("command"):
+            message = (
+                f"'{name}' is started by a shell ({program.instruction} {program.text[:40]}), which keeps the signal "
+            )
             yield Finding("shell-form-command", subject.at("image"), f"{message}from its program")
 
 
 def _programs(robot: Robot, name: str) -> Programs:
     """The programs of an Image of the tree, by its Dockerfile and those of its bases."""
-    found, seen = Programs(), set[str]()
+    programs, seen = Programs(), set[str]()
     while name and name not in seen:
         seen.add(name)
         image = robot.catalog.images[name]
         text = text_of_dockerfile(image)
         with suppress(DockerfileError):
-            found = found.on(read_dockerfile(text, image).programs)
-            name = declared(found.base, robot.catalog.images)
-    return found
+            programs = programs.on(read_dockerfile(text, image).programs)
+            name = declared(programs.base, robot.catalog.images)
+    return programs
 
 
 CHECKS = (_shells, _images, *map(each, (_restarts, _signals)))

@@ -106,8 +106,8 @@ class Subject:
     @property
     def uid(self) -> str:
         """The user of its processes, as written; 0 without a declaration, as in most images."""
-        found = str(self.options.get("user") or "0").partition(":")[0]
-        return "0" if found == "root" else found
+        user = str(self.options.get("user") or "0").partition(":")[0]
+        return "0" if user == "root" else user
 
     @cached_property
     def ros2(self) -> bool:
@@ -163,11 +163,11 @@ class Subject:
     @cached_property
     def published(self) -> tuple[tuple[int, Published], ...]:
         """(index in `ports`, port) of each port of this machine that it publishes."""
-        found = list[tuple[int, Published]]()
+        ports = list[tuple[int, Published]]()
         for index, text in enumerate(self.options.get("ports") or ()):
             with suppress(ValueError):  # a mistake that the model of the container has reported
-                found += [(index, port) for port in parse_ports(text) if port.host.isdigit()]
-        return tuple(found)
+                ports += [(index, port) for port in parse_ports(text) if port.host.isdigit()]
+        return tuple(ports)
 
     @property
     def pauses(self) -> bool:
@@ -196,8 +196,8 @@ class Subject:
     def variable(self, name: str) -> Where:
         """The place of a variable of its environment."""
         values, at = self.source.document.values, ("spec", "container", "environment", name)
-        if found := self._first((at[1:3],), lambda item: str(item).partition("=")[0] == name):
-            return found
+        if place := self._first((at[1:3],), lambda item: str(item).partition("=")[0] == name):
+            return place
         profile = at not in values and ("spec", "profile") in values
         return self.source.where("spec", "profile") if profile else self.option("environment", name)
 
@@ -236,14 +236,14 @@ class Subject:
         return self.at("command") if own else self.option("entrypoint")
 
     def _written(self, *path: str) -> Any:
-        found: Any = self.source.document.value["spec"]
+        value: Any = self.source.document.value["spec"]
         for part in path:
-            found = found.get(part) if isinstance(found, dict) else None
-        return found
+            value = value.get(part) if isinstance(value, dict) else None
+        return value
 
     def written_list(self, *path: str) -> list[Any]:
-        found = self._written(*path)
-        return found if isinstance(found, list) else []
+        value = self._written(*path)
+        return value if isinstance(value, list) else []
 
 
 def _asked(role: str, probe: Probe | None) -> Iterator[Asked]:

@@ -55,10 +55,10 @@ def _read(path: str, root: str, _stamp: tuple[int, int]) -> str:
 def read(path: str, root: Path) -> str:
     """The text of a small file of the tree; empty if it cannot be read."""
     try:
-        found = os.stat(path)
+        status = os.stat(path)
     except (OSError, ValueError):
         return ""
-    return _read(path, str(root), (found.st_mtime_ns, found.st_size))
+    return _read(path, str(root), (status.st_mtime_ns, status.st_size))
 
 
 def text_of_dockerfile(image: Image) -> str:
@@ -79,19 +79,19 @@ def inside(subject: Subject, word: str) -> str:
 @once
 def named_files(subject: Subject) -> tuple[tuple[str, str], ...]:
     """(word, path on the machine) of each file of the tree that the command names by its path in the container."""
-    found: dict[str, str] = {}
+    words_by_path: dict[str, str] = {}
     for word in (word for command in subject.commands for word in command if "/" in word and subject.mounts_of_tree):
         path = inside(subject, word.partition(":=")[2] or word)
-        if path and len(found) < MOST_FILES:
-            found.setdefault(path, word)
-    return tuple((word, path) for path, word in found.items())
+        if path and len(words_by_path) < MOST_FILES:
+            words_by_path.setdefault(path, word)
+    return tuple((word, path) for path, word in words_by_path.items())
 
 
 @once
 def files_of(subject: Subject) -> dict[str, str]:
     """The texts of the tree that a service is started with, by path."""
-    found = {path: read(path, subject.source.root) for _, path in named_files(subject) if path.endswith(READ)}
-    return {path: _said(text) if path.endswith((".launch", ".xml")) else text for path, text in found.items()}
+    texts = {path: read(path, subject.source.root) for _, path in named_files(subject) if path.endswith(READ)}
+    return {path: _said(text) if path.endswith((".launch", ".xml")) else text for path, text in texts.items()}
 
 
 @lru_cache(maxsize=4096)
@@ -119,16 +119,16 @@ def text_of(subject: Subject) -> str:
 @once
 def names_of_nodes(subject: Subject) -> frozenset[str]:
     """Its nodes in the ROS graph, as far as its command, launch files and probes name them."""
-    found = {_NAMED.sub(r"\1", word) for command in subject.commands for word in command if word.startswith("__name")}
-    found |= {str(asked.probe.target) for asked in subject.asked if asked.probe.kind == "ros_node"}
-    own = frozenset(name.strip("/") for name in found)
+    names = {_NAMED.sub(r"\1", word) for command in subject.commands for word in command if word.startswith("__name")}
+    names |= {str(asked.probe.target) for asked in subject.asked if asked.probe.kind == "ros_node"}
+    own = frozenset(name.strip("/") for name in names)
     return own.union(*map(_nodes_in, files_of(subject).values())) - {"rosout", ""}
 
 
 @lru_cache(maxsize=4096)
 def _nodes_in(text: str) -> frozenset[str]:
-    found = (_NODE_NAME.search(tag) for tag in _NODE.findall(text))
-    return frozenset(name[1].strip("/") for name in found if name)
+    matches = (_NODE_NAME.search(tag) for tag in _NODE.findall(text))
+    return frozenset(name[1].strip("/") for name in matches if name)
 
 
 @lru_cache(maxsize=8192)
@@ -153,7 +153,7 @@ def ports_of(subject: Subject) -> frozenset[str]:
     """Ports of this machine where it answers, as far as its probes and its published ports name them."""
     probed = (_ANSWERS.match(str(a.probe.target)) for a in subject.asked_ready if a.probe.kind in ("tcp", "http"))
     published = (text.rpartition(":")[0].rpartition(":")[2] for text in subject.options.get("ports") or ())
-    return frozenset([*(found[1] for found in probed if found), *filter(None, published)])
+    return frozenset([*(match[1] for match in probed if match), *filter(None, published)])
 
 
 @once

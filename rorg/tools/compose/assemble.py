@@ -114,10 +114,10 @@ class Assembler:
             raise TooMuch(
                 target.where, f"more than {MOST_EXTENDS} services extend each other in a row", "a shorter row"
             )
-        found = self.base(name, target, extends, layer, directory, variables)
-        if found is None:
+        origin = self.base(name, target, extends, layer, directory, variables)
+        if origin is None:
             return node
-        base_layer, base_directory = found
+        base_layer, base_directory = origin
         trail = (*trail, (layer.path, name))
         base = self.service(target.value, base_layer, base_directory, variables, trail)
         if base is None:
@@ -137,14 +137,14 @@ class Assembler:
             layers, where = self.read(path, path.parent, variables, file.where), path.parent
             if not layers:
                 return None
-        found = next((one for one in layers if target.value in one.services), None)
-        if found is None:
+        document = next((one for one in layers if target.value in one.services), None)
+        if document is None:
             known = [known for one in layers for known in one.services if known != name]
             inside = f" in {layers[0].path}" if file.value else ""
             message = f"service '{name}' extends '{target.value}', which does not exist{inside}"
             self.files.error(target.where, message, self.files.near(target.value, known))
             return None
-        return found, where
+        return document, where
 
     def included(
         self, total: Node, entry: Node, directory: Path, variables: Variables, trail: tuple[Path, ...]
@@ -195,15 +195,15 @@ class Assembler:
 
 def _with_bare_names(tree: Node, variables: Variables) -> Node:
     """Lets bare names in environments of an included file take values from its own env files, too."""
-    services, found = tree.get("services"), dict[str, Node]()
+    services, replacements = tree.get("services"), dict[str, Node]()
     for name, service in services.mapping.items():
         environment = service.get("environment")
         own = {
             key: bare(key, one, variables) for key, one in environment.mapping.items() if variables.get(key) is not None
         }
         if own:
-            found[name] = service.having(environment=environment.having(**own))
-    return tree.having(services=services.having(**found)) if found else tree
+            replacements[name] = service.having(environment=environment.having(**own))
+    return tree.having(services=services.having(**replacements)) if replacements else tree
 
 
 def _with_contents(tree: Node, variables: Variables) -> Node:

@@ -21,19 +21,19 @@ _GIVEN = {"configs": ("file", "environment", "content", "external"), "secrets": 
 
 def check(project: Project) -> list[Diagnostic]:
     """All findings, in no particular order."""
-    found = _Checks(project)
+    checks = _Checks(project)
     for name, service in project.services.items():
-        found.service(name, service)
+        checks.service(name, service)
     for kind, ways in _GIVEN.items():
         for name, entry in getattr(project, kind).items():
             said = [way for way in ways if way in entry]
             if not said and "driver" not in entry:
-                found.error(f"{kind}.{name} does not say what it contains", f"one of {', '.join(ways)}", kind, name)
+                checks.error(f"{kind}.{name} does not say what it contains", f"one of {', '.join(ways)}", kind, name)
             elif len(said) > 1:
                 message = f"{kind}.{name} says more than once what it contains: {' and '.join(said)}"
-                found.error(message, "one of these", kind, name, said[1])
-    found.rings()
-    return found.diagnostics
+                checks.error(message, "one of these", kind, name, said[1])
+    checks.rings()
+    return checks.diagnostics
 
 
 def needed(service: Mapping[str, Any]) -> Iterator[tuple[str, Place]]:

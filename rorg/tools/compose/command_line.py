@@ -17,21 +17,21 @@ BACK, SUBSTITUTION = "`", "$("
 def split(text: str) -> tuple[list[str], str]:
     """The words, and the rest that Compose ignores. Raises ValueError for unclosed quotes and for brackets outside of
     quotes, which Compose refuses."""
-    found = _Words()
+    splitter = _Words()
     at = 0
-    while at < len(text) and not found.ended(text[at]):
-        if text[at] == "\\" and found.quote != "'":
+    while at < len(text) and not splitter.ended(text[at]):
+        if text[at] == "\\" and splitter.quote != "'":
             at += 1
             if at == len(text):
                 raise ValueError("not a command line: it ends with a backslash")
-            found.add(text[at])
+            splitter.add(text[at])
         else:
-            found.take(text[at])
+            splitter.take(text[at])
         at += 1
-    if found.quote or found.inside:
+    if splitter.quote or splitter.inside:
         raise ValueError("not a command line: a quote is not closed")
-    found.space()
-    return found.words, text[at:]
+    splitter.space()
+    return splitter.words, text[at:]
 
 
 @dataclass

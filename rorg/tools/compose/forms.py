@@ -89,10 +89,10 @@ class ListOf(Compound):
     def unique(self, items: list[Node]) -> list[Node]:
         if self.key is None:
             return items
-        found: dict[object, Node] = {}
+        by_key: dict[object, Node] = {}
         for item in items:
-            found[self.key(item.plain())] = item
-        return list(found.values())
+            by_key[self.key(item.plain())] = item
+        return list(by_key.values())
 
     def merge(self, base: Node, over: Node) -> Node:
         return over if self.replaced else base.but(self.unique([*base.items, *over.items]))
@@ -104,8 +104,8 @@ def one_or_many(item: Form, key: Callable[[Any], object] | None = None) -> ListO
 
 
 def _read_all(items: list[Node], form: Form, name: str, context: Context) -> list[Node]:
-    found = (form.read(item, f"{name}[{index}]", context) for index, item in enumerate(items))
-    return [item for item in found if item is not None]
+    nodes = (form.read(item, f"{name}[{index}]", context) for index, item in enumerate(items))
+    return [item for item in nodes if item is not None]
 
 
 @dataclass(frozen=True)
@@ -119,17 +119,17 @@ class MapOf(Compound):
     """Entries whose names start with x- are not read. A service, however, may have such a name."""
 
     def convert(self, node: Node, name: str, context: Context) -> Node:
-        found: dict[str, Node] = {}
+        entries: dict[str, Node] = {}
         for key, value in node.mapping.items():
             if key.startswith("x-") and self.extensible and isinstance(self.item, Section):
-                found[key] = value
+                entries[key] = value
                 continue
             one = self.item.read(value, f"{name}.{key}", context)
             if one is None and self.null and value.value is None:
                 one = value.but({} if isinstance(self.item, Section) else None)
             if one is not None:
-                found[key] = one
-        return node.but(found)
+                entries[key] = one
+        return node.but(entries)
 
     def merge(self, base: Node, over: Node) -> Node:
         return _merged(base, over, lambda _: self.item)
@@ -146,12 +146,12 @@ class Pairs(Compound):
     wanted: str = field(default="a mapping, or a list of NAME=value", kw_only=True)
 
     def convert(self, node: Node, name: str, context: Context) -> Node:
-        found: dict[str, Node] = {}
+        entries: dict[str, Node] = {}
         for key, value in node.mapping.items():
             one = value.but(None) if value.value is None else LOOSE.read(value, f"{name}.{key}", context)
             if one is not None:
-                found[key] = one.but("" if one.value is None and not self.bare else one.value)
-        return node.but(found)
+                entries[key] = one.but("" if one.value is None and not self.bare else one.value)
+        return node.but(entries)
 
     def merge(self, base: Node, over: Node) -> Node:
         return _merged(base, over, lambda _: TEXT)
@@ -171,32 +171,32 @@ class Section(Compound):
     """Merge key by key only if this key is equal or missing in one of the two; otherwise the later section wins."""
 
     def convert(self, node: Node, name: str, context: Context) -> Node | None:
-        found = self.entries(node, name, context)
-        missing = [key for key in self.required if key not in found]
+        entries = self.entries(node, name, context)
+        missing = [key for key in self.required if key not in entries]
         for key in missing:
             if node.get(key).value is None:
                 context.error(node, f"{name} has no '{key}'", f"{key}: ...", key=True)
         if missing:
             return None
         for key, value in self.defaults.items():
-            found.setdefault(key, Node(value, node.where))
-        made = node.but(found)
+            entries.setdefault(key, Node(value, node.where))
+        made = node.but(entries)
         return self.finish(made, name, context) if self.finish else made
 
     def entries(self, node: Node, name: str, context: Context) -> dict[str, Node]:
         """The known entries. Unknown keys are reported."""
-        found: dict[str, Node] = {}
+        entries: dict[str, Node] = {}
         for key, value in node.mapping.items():
             if key.startswith("x-") and self.extensible:
-                found[key] = value
+                entries[key] = value
             elif key in self.keys:
                 one = self.keys[key].read(value, f"{name}.{key}" if name else key, context)
                 if one is not None:
-                    found[key] = one
+                    entries[key] = one
             else:
                 inside = f"in {name}" if name else "at the top"
                 context.error(value, f"unknown key '{key}' {inside}", context.files.near(key, self.keys), key=True)
-        return found
+        return entries
 
     def merge(self, base: Node, over: Node) -> Node:
         ours, theirs = (node.mapping.get(self.same) for node in (base, over))
@@ -244,7 +244,7 @@ class Contexts(Pairs):
     """Additional contexts of a build, with absolute paths."""
 
     def convert(self, node: Node, name: str, context: Context) -> Node:
-        found = super().convert(node, name, context)
-        return found.but(
-            {k: v if is_remote(v.value) else v.but(context.path(v.value)) for k, v in found.mapping.items()}
+        entries = super().convert(node, name, context)
+        return entries.but(
+            {k: v if is_remote(v.value) else v.but(context.path(v.value)) for k, v in entries.mapping.items()}
         )

@@ -66,19 +66,19 @@ def _project(
     name: str | None,
 ) -> Project:
     assembler = Assembler(files, environment.get("HOME", ""))
-    found = [Path(os.path.abspath(path)) for path in _files(paths, files)]
-    base = Path(os.path.abspath(directory)) if directory else found[0].parent
+    absolute_paths = [Path(os.path.abspath(path)) for path in _files(paths, files)]
+    base = Path(os.path.abspath(directory)) if directory else absolute_paths[0].parent
     outside = dict(environment)
     variables = Variables(outside, spend=files.spend)
     if env_files is None and files.there(base / ".env"):
         env_files = [base / ".env"]
     for path in env_files or ():
         assembler.env_file(Path(os.path.abspath(path)), Where(str(path)), variables)
-    known = name or variables.get(NAME) or _said_name(found, files, variables) or project_name(base)
+    known = name or variables.get(NAME) or _said_name(absolute_paths, files, variables) or project_name(base)
     outside[NAME] = known
-    tree = assembler.tree(found, base, variables, Where(str(found[0])))
+    tree = assembler.tree(absolute_paths, base, variables, Where(str(absolute_paths[0])))
     if not re.fullmatch(r"[a-z0-9][a-z0-9_-]*", known):
-        where = tree.mapping["name"].where if "name" in tree.mapping else Where(str(found[0]))
+        where = tree.mapping["name"].where if "name" in tree.mapping else Where(str(absolute_paths[0]))
         remedy = "lower-case letters, digits, - and _, starting with a letter or digit"
         files.error(where, f"'{known}' is not a valid name of a project", remedy)
     wanted = list(profiles) or [p for p in (variables.get("COMPOSE_PROFILES") or "").split(",") if p]

@@ -106,9 +106,9 @@ def scalar(text: str) -> Scalar:
     """The value of a plain scalar."""
     if text in _SPECIAL:
         return _SPECIAL[text]
-    found = _INT.match(text)
-    if found:
-        sign, *digits = found.groups()
+    match = _INT.match(text)
+    if match:
+        sign, *digits = match.groups()
         base, number = next((b, d) for b, d in zip((16, 2, 8, 10), digits, strict=True) if d)
         number = number.replace("_", "")
         if number and len(number) < 40:
@@ -162,7 +162,7 @@ class _Reader:
             made.where = replace(made.where, column=made.where.column + 1)
 
     def mapping(self, node: yaml.MappingNode) -> dict[str, Node]:
-        found: dict[str, Node] = {}
+        entries: dict[str, Node] = {}
         merged: list[Node] = []
         for key_node, value_node in node.value:
             if not isinstance(key_node, yaml.ScalarNode):
@@ -175,16 +175,16 @@ class _Reader:
             value = self.read(value_node)
             if not key_node.style and not isinstance(scalar(key), str):
                 self.error(key_node, f"key {key} is not a text", f'"{key}"')
-            if key in found:
-                line = found[key].place.line
+            if key in entries:
+                line = entries[key].place.line
                 remedy = f"to remove it here or in line {line}"
                 self.error(key_node, f"key '{key}' appears twice in one mapping", remedy)
                 continue
-            found[key] = value.but(value.value, key=self.where(key_node))
+            entries[key] = value.but(value.value, key=self.where(key_node))
         for other in merged:
             for key, value in other.mapping.items():
-                found.setdefault(key, value)
-        return found
+                entries.setdefault(key, value)
+        return entries
 
     def merged(self, node: yaml.Node) -> Iterator[Node]:
         """The mappings of a merge key, in order of precedence."""

@@ -49,7 +49,7 @@ def normalised(
         taken=taken,
     )
     asked = {name for names in taken.values() for name in names}
-    known = {name: found for name, found in variables.asked.items() if name in asked}
+    known = {name: variable for name, variable in variables.asked.items() if name in asked}
     return replace(project, variables=known, files=tuple(assembler.paths))
 
 
@@ -130,12 +130,12 @@ def _build(build: Node, variables: Variables) -> Node:
 
 def _environment(service: Node, assembler: Assembler, variables: Variables) -> Node:
     """The env files in their order, with `environment` over them."""
-    found: dict[str, Node] = {}
+    environment: dict[str, Node] = {}
     for file in service.get("env_file").items:
-        found |= _of_file(file, assembler, variables, found)
+        environment |= _of_file(file, assembler, variables, environment)
     said = service.get("environment")
-    found |= {name: bare(name, node, variables) for name, node in said.mapping.items()}
-    return (service.get("env_file") if said.value is None else said).but(found)
+    environment |= {name: bare(name, node, variables) for name, node in said.mapping.items()}
+    return (service.get("env_file") if said.value is None else said).but(environment)
 
 
 def _of_file(file: Node, assembler: Assembler, variables: Variables, before: dict[str, Node]) -> dict[str, Node]:
@@ -159,12 +159,12 @@ def _of_file(file: Node, assembler: Assembler, variables: Variables, before: dic
 def _labels(service: Node, assembler: Assembler, variables: Variables) -> Node:
     """The labels of `label_file`, with `labels` over them."""
     files, said = service.get("label_file"), service.get("labels")
-    found: dict[str, Node] = {}
+    labels: dict[str, Node] = {}
     for file in files.items:
         text = assembler.files.text(Path(file.value), file.where, "the file of labels")
         if text is not None:
             assembler.paths[Path(file.value)] = None
         read = read_env_file(Path(file.value), text or "", variables, assembler.files.diagnostics)
         assembler.files.spend(len(read), file.where)
-        found |= {name: Node(value or "", where, where) for name, (value, where, _) in read.items()}
-    return (files if said.value is None else said).but({**found, **said.mapping})
+        labels |= {name: Node(value or "", where, where) for name, (value, where, _) in read.items()}
+    return (files if said.value is None else said).but({**labels, **said.mapping})

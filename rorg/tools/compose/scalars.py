@@ -23,19 +23,19 @@ _TRUE = {**dict.fromkeys(("true", "yes", "y", "on"), True), **dict.fromkeys(("fa
 def size(text: str) -> int:
     """Bytes of `512`, `50M`, `1.5gb`, `64 KiB`: all units are powers of 1024, as in Compose. `1Gi` is the form of
     Kubernetes, which Compose refuses. Raises ValueError."""
-    found = _SIZE.match(text.strip())
-    if not found:
+    match = _SIZE.match(text.strip())
+    if not match:
         raise ValueError(f"'{text}' is not an amount of memory")
-    return int(Decimal(found[1]) * 1024 ** _POWERS[found[2].lower()])
+    return int(Decimal(match[1]) * 1024 ** _POWERS[match[2].lower()])
 
 
 def duration(text: str) -> float:
     """Seconds of `90s`, `1m30s`, `1h`. Raises ValueError."""
     total, at = 0.0, 0
-    for found in _DURATION.finditer(text):
-        if found.start() != at or found[2] not in _SECONDS:
+    for match in _DURATION.finditer(text):
+        if match.start() != at or match[2] not in _SECONDS:
             break
-        total, at = total + float(found[1]) * _SECONDS[found[2]], found.end()
+        total, at = total + float(match[1]) * _SECONDS[match[2]], match.end()
     if text == "0":
         return 0.0
     if not text or at != len(text):
@@ -159,7 +159,7 @@ class PathOf(Scalar):
     kept: Callable[[str], bool] = lambda _: False
 
     def read(self, node: Node, name: str, context: Context) -> Node | None:
-        found = super().read(node, name, context)
-        if found is None or self.kept(found.value):
-            return found
-        return found.but(context.path(found.value))
+        path = super().read(node, name, context)
+        if path is None or self.kept(path.value):
+            return path
+        return path.but(context.path(path.value))

@@ -48,24 +48,24 @@ def names(node: Node, name: str, context: Context) -> Node:
 
 def pairs(node: Node, name: str, context: Context) -> Node:
     """`[NAME=value]`; a bare NAME has no value."""
-    found: dict[str, Node] = {}
+    by_name: dict[str, Node] = {}
     for index, item in enumerate(node.items):
         if read := LOOSE.read(item, f"{name}[{index}]", context):
             key, separator, value = read.value.partition("=")
-            found[key] = Node(value if separator else None, item.where, item.where, taken=item.taken)
-    return node.but(found)
+            by_name[key] = Node(value if separator else None, item.where, item.where, taken=item.taken)
+    return node.but(by_name)
 
 
 def depends_on(node: Node, name: str, context: Context) -> Node:
     """`[SERVICE]`: each of them is started first."""
-    found: dict[str, Node] = {}
+    dependencies: dict[str, Node] = {}
     for index, item in enumerate(node.items):
         if isinstance(item.value, str):
-            found[item.value] = made(item, {"condition": "service_started", "required": True})
-            found[item.value].key = item.where
+            dependencies[item.value] = made(item, {"condition": "service_started", "required": True})
+            dependencies[item.value].key = item.where
         else:
             context.error(item, f"{name}[{index}] is {item.kind()}, and must be the name of a service")
-    return node.but(found)
+    return node.but(dependencies)
 
 
 def ports(node: Node, name: str, context: Context) -> list[Node]:
@@ -73,21 +73,21 @@ def ports(node: Node, name: str, context: Context) -> list[Node]:
     if isinstance(node.value, dict):
         return [node]
     text = str(node.value) if isinstance(node.value, str | int) else ""
-    found = _PORT.match(text)
+    match = _PORT.match(text)
     remedy = '"8080:80", "127.0.0.1:8080:80/udp", or {target: 80, published: "8080"}'
-    if not found or isinstance(node.value, bool):
+    if not match or isinstance(node.value, bool):
         context.error(node, f"{name}: '{node.plain()}' is not a port", remedy)
         return []
-    targets, published = _range(found["target"]), _range(found["published"])
+    targets, published = _range(match["target"]), _range(match["published"])
     if targets is None or published is None or (len(targets) > 1 and len(published) not in (0, len(targets))):
         context.error(node, f"{name}: the ranges of '{text}' do not fit", "ranges of equal length, within 1-65535")
         return []
     context.files.spend(5 * len(targets), node.where)
-    fixed: dict[str, Any] = {"mode": "ingress", "protocol": found["protocol"] or "tcp"}
-    if found["ip"]:
-        fixed["host_ip"] = found["ip"].strip("[]")
+    fixed: dict[str, Any] = {"mode": "ingress", "protocol": match["protocol"] or "tcp"}
+    if match["ip"]:
+        fixed["host_ip"] = match["ip"].strip("[]")
     if len(targets) == 1 and len(published) > 1:
-        return [made(node, {**fixed, "target": targets[0], "published": found["published"]})]
+        return [made(node, {**fixed, "target": targets[0], "published": match["published"]})]
     return [
         made(node, {**fixed, "target": port, **({"published": str(published[i])} if published else {})})
         for i, port in enumerate(targets)
@@ -99,8 +99,8 @@ def _range(text: str | None) -> list[int] | None:
     if not text:
         return []
     first, _, last = text.partition("-")
-    found = range(int(first), int(last or first) + 1)
-    return list(found) if found and found[-1] <= 65535 else None
+    numbers = range(int(first), int(last or first) + 1)
+    return list(numbers) if numbers and numbers[-1] <= 65535 else None
 
 
 def is_path(source: str) -> bool:
@@ -123,18 +123,18 @@ def volume(node: Node, name: str, context: Context) -> Node | None:
         if flag not in _MOUNT_FLAGS:
             context.error(node, f"{name}: '{flag}' is not a flag of volumes", f"one of {', '.join(_MOUNT_FLAGS)}")
             return None
-    found: dict[str, Any] = {"source": source, "target": target}
+    mount: dict[str, Any] = {"source": source, "target": target}
     if "ro" in flags:
-        found["read_only"] = True
+        mount["read_only"] = True
     if not is_path(source):
-        return made(node, {"type": "volume", **found, "volume": {"nocopy": True} if "nocopy" in flags else {}})
+        return made(node, {"type": "volume", **mount, "volume": {"nocopy": True} if "nocopy" in flags else {}})
     bind: dict[str, Any] = {"create_host_path": True}
     for flag in flags:
         if flag in PROPAGATION:
             bind["propagation"] = flag
         elif flag in ("z", "Z"):
             bind["selinux"] = flag
-    return made(node, {"type": "bind", **found, "bind": bind})
+    return made(node, {"type": "bind", **mount, "bind": bind})
 
 
 def device(node: Node, name: str, context: Context) -> Node | None:
@@ -169,10 +169,10 @@ def health_test(node: Node, _name: str, _context: Context) -> Node:
 
 def hosts(node: Node, name: str, context: Context) -> Node:
     """`[HOST=ADDRESS]`, `[HOST:ADDRESS]`, or `{HOST: ADDRESS}`, also with a list of addresses: `[HOST=ADDRESS]`."""
-    found: list[Node] = []
+    entries: list[Node] = []
     for host, item in node.mapping.items():
         addresses = item.items if isinstance(item.value, list) else [item]
-        found += [address.but(f"{host}={address.plain()}") for address in addresses]
+        entries += [address.but(f"{host}={address.plain()}") for address in addresses]
     for index, item in enumerate(node.items):
         read = LOOSE.read(item, f"{name}[{index}]", context)
         if read is None:
@@ -181,8 +181,8 @@ def hosts(node: Node, name: str, context: Context) -> Node:
         if line is None:
             context.error(item, f"{name}: '{read.value}' is not a host with an address", "HOST=ADDRESS")
         else:
-            found.append(read.but(f"{line[1]}={line[2].strip('[]')}"))
-    return node.but(found)
+            entries.append(read.but(f"{line[1]}={line[2].strip('[]')}"))
+    return node.but(entries)
 
 
 def external(node: Node, name: str, context: Context) -> Node:

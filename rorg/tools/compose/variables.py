@@ -142,13 +142,13 @@ def read_env_file(
     for mistake in mistakes:
         where = Where(str(path), mistake.line, mistake.column)
         diagnostics.append(Diagnostic(where, mistake.message, mistake.remedy))
-    found: dict[str, tuple[str | None, Where, bool]] = {}
+    values: dict[str, tuple[str | None, Where, bool]] = {}
     for entry in entries:
         where = Where(str(path), entry.line, entry.column)
         diagnostics += [unset(name, where) for name in entry.unset]
         if not entry.bare or entry.value is not None:
-            found[entry.name] = (entry.value, where, entry.bare)
-    return found
+            values[entry.name] = (entry.value, where, entry.bare)
+    return values
 
 
 def _either(value: str | None, other: str | None) -> str | None:
@@ -156,13 +156,13 @@ def _either(value: str | None, other: str | None) -> str | None:
 
 
 def _raw(path: Path, text: str, variables: Variables) -> dict[str, tuple[str | None, Where, bool]]:
-    found: dict[str, tuple[str | None, Where, bool]] = {}
+    values: dict[str, tuple[str | None, Where, bool]] = {}
     for number, line in enumerate(text.splitlines(), 1):
         name, assigned, value = line.lstrip().partition("=")
         if name and not name.startswith("#"):
             where = Where(str(path), number)
-            found[name] = (value, where, False) if assigned else (variables.take(name, where), where, True)
-    return found
+            values[name] = (value, where, False) if assigned else (variables.take(name, where), where, True)
+    return values
 
 
 def unset(name: str, where: Where) -> Diagnostic:
@@ -182,15 +182,15 @@ def fill(node: Node, variables: Variables, diagnostics: list[Diagnostic]) -> Nod
     if not isinstance(node.value, str) or "$" not in node.value:
         return node
     try:
-        found = interpolate(node.value, lambda name: variables.take(name, node.where))
+        filled = interpolate(node.value, lambda name: variables.take(name, node.where))
     except Refused as why:
         where = node.where
         if node.exact:
             where = replace(where, column=where.column + why.offset)
         diagnostics.append(Diagnostic(where, why.message, why.remedy))
         return node
-    diagnostics += [unset(name, node.where) for name in found.unset]
-    return node.but(found.text, taken=found.used, exact=node.exact and not found.used)
+    diagnostics += [unset(name, node.where) for name in filled.unset]
+    return node.but(filled.text, taken=filled.used, exact=node.exact and not filled.used)
 
 
 def bare(name: str, node: Node, variables: Variables) -> Node:

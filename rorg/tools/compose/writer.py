@@ -37,7 +37,7 @@ def export(catalog: Catalog, base: str, name: str) -> Exported:
     volumes = sections("volume", catalog.volumes, services.values())
     document: dict[str, Any] = {"name": project(name), "services": {}}
     notes, files = list(notes_of(catalog)), dict[str, str]()
-    secrets = env_files({n: found for n, s in services.items() if (found := _secrets(s))})
+    secrets = env_files({n: values for n, s in services.items() if (values := _secrets(s))})
     groups = profiles(catalog)
     for service in services.values():
         writing = Writing(service.name, containers, _keys(networks), _keys(volumes), base)
@@ -111,7 +111,7 @@ def _ordered(section: Mapping[str, Any]) -> dict[str, Any]:
 
 def _needs(service: Service, catalog: Catalog) -> dict[str, Any]:
     """The needs of a service. A meta-service has no container, so its own needs replace it."""
-    found: dict[str, Any] = {}
+    needs: dict[str, Any] = {}
     pending, seen = list(service.needs), set[str]()
     while pending:
         name = pending.pop(0)
@@ -123,8 +123,8 @@ def _needs(service: Service, catalog: Catalog) -> dict[str, Any]:
             pending += other.needs
             continue
         restart = {"restart": True} if name in service.restarts_with else {}
-        found[name] = {"condition": condition(other.ready), **restart}
-    return dict(sorted(found.items()))
+        needs[name] = {"condition": condition(other.ready), **restart}
+    return dict(sorted(needs.items()))
 
 
 def _keys(section: Mapping[str, Any]) -> dict[str, str]:
@@ -156,13 +156,13 @@ ENGINES_OWN = ("host", "none", "bridge", "default")
 def sections(kind: Kind, declared: Mapping[str, EngineObject], services: Iterable[Service]) -> dict[str, Any]:
     """All declared objects, by their names in the tree, and all others that services name, by the engine's names. Such
     a network must exist already; a volume is created if it is missing."""
-    found = {name: _declared(one) for name, one in declared.items()}
+    objects = {name: _declared(one) for name, one in declared.items()}
     known = {one.called for one in declared.values()}
     named = _networks if kind == "network" else _volumes
     for name in sorted({name for service in services for name in named(service.spec or {})} - known):
-        key = name if name not in found else f"{name}-external"
-        found[key] = {"name": name, "external": True} if kind == "network" else {"name": name}
-    return dict(sorted(found.items()))
+        key = name if name not in objects else f"{name}-external"
+        objects[key] = {"name": name, "external": True} if kind == "network" else {"name": name}
+    return dict(sorted(objects.items()))
 
 
 def _declared(one: EngineObject) -> dict[str, Any]:

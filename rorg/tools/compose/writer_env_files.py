@@ -17,7 +17,7 @@ def env_files(secrets: Mapping[str, Mapping[str, str]]) -> dict[str, dict[str, V
     parts: dict[tuple[str, ...], Variables] = {}
     for (name, value), sharing in users.items():
         parts.setdefault(tuple(sharing), {})[name] = value
-    found: dict[str, dict[str, Variables]] = {}
+    by_service: dict[str, dict[str, Variables]] = {}
     count = 0
     for services, values in sorted(parts.items()):
         file = services[0]
@@ -25,5 +25,5 @@ def env_files(secrets: Mapping[str, Mapping[str, str]]) -> dict[str, dict[str, V
             count += 1
             file = "shared" if count == 1 else f"shared-{count}"
         for service in services:
-            found.setdefault(service, {})[f"{file}.env"] = values
-    return found
+            by_service.setdefault(service, {})[f"{file}.env"] = values
+    return by_service

@@ -14,23 +14,23 @@ from rorg.tools.compose.writer_options import beside
 def build(image: Image, images: Mapping[str, Image], base: str) -> dict[str, Any]:
     """How Compose builds an image. `base`: absolute directory of the Compose file. A secret argument has no value in
     the file; Compose takes it from its environment."""
-    found: dict[str, Any] = {"context": beside(image.context or ".", base)}
+    options: dict[str, Any] = {"context": beside(image.context or ".", base)}
     if image.inline:
-        found["dockerfile_inline"] = image.inline
+        options["dockerfile_inline"] = image.inline
     elif image.dockerfile != "Dockerfile":
-        found["dockerfile"] = image.dockerfile
+        options["dockerfile"] = image.dockerfile
     if image.args:
-        found["args"] = {k: None if k in image.secrets else v for k, v in sorted(image.args.items())}
+        options["args"] = {k: None if k in image.secrets else v for k, v in sorted(image.args.items())}
     if image.target:
-        found["target"] = image.target
+        options["target"] = image.target
     if image.platform:
-        found["platforms"] = [image.platform]
+        options["platforms"] = [image.platform]
     if image.cache_from:
-        found["cache_from"] = list(image.cache_from)
+        options["cache_from"] = list(image.cache_from)
     if image.stand_ins:
         contexts = {name: _context(value, images, base) for name, value in sorted(image.stand_ins.items())}
-        found["additional_contexts"] = contexts
-    return found
+        options["additional_contexts"] = contexts
+    return options
 
 
 def _context(reference: str, images: Mapping[str, Image], base: str) -> str:

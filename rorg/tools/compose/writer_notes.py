@@ -109,8 +109,8 @@ def notes_of(catalog: Catalog) -> Iterator[Note]:
 def _policy(catalog: Catalog) -> Iterator[Note]:
     policy = catalog.policy
     said = {"budget": policy.budget, "pressure": policy.pressure, "resources": policy.resources}
-    if found := [name for name, value in said.items() if value]:
-        yield Note("", "Policy", f"{', '.join(found)}: Compose does not manage the machine")
+    if names := [name for name, value in said.items() if value]:
+        yield Note("", "Policy", f"{', '.join(names)}: Compose does not manage the machine")
 
 
 def _unhealthy(service: Service) -> Iterator[Note]:

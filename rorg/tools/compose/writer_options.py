@@ -136,15 +136,15 @@ def _networks(writing: Writing, _option: str, value: Mapping[str, Mapping[str, A
     if list(value) in (["bridge"], ["default"]):
         writing.put("network_mode", "bridge")
         return
-    found = {}
+    networks = {}
     for name, network in value.items():
         if name in writing.networks:
-            found[writing.networks[name]] = {k: v for k, v in network.items() if v not in (None, [], {})} or None
+            networks[writing.networks[name]] = {k: v for k, v in network.items() if v not in (None, [], {})} or None
         else:
             writing.note(
                 "container.networks", f"Compose cannot join other networks together with the engine's '{name}'"
             )
-    writing.put("networks", found)
+    writing.put("networks", networks)
 
 
 def _no_network(writing: Writing, _option: str, value: bool) -> None:
@@ -155,42 +155,42 @@ def _no_network(writing: Writing, _option: str, value: bool) -> None:
 
 def _security(writing: Writing, option: str, values: list[str]) -> None:
     """Seccomp profiles become files, because Compose reads them only from files."""
-    found = []
+    security_options = []
     for value in values:
         kind, _, text = value.partition("=")
         if kind == "seccomp" and text.startswith("{"):
             name = f"{writing.service}.seccomp.json"
             writing.files[name] = text
             value = f"seccomp:./{name}"
-        found.append(value)
-    writing.put(option, found)
+        security_options.append(value)
+    writing.put(option, security_options)
 
 
 def _volumes(writing: Writing, option: str, values: list[Any]) -> None:
-    found: list[Any] = []
+    mounts: list[Any] = []
     for value in values:
         if isinstance(value, Mapping):
             source = value.get("source") or ""
             here = {"bind": writing.path(source), "volume": writing.volumes.get(source, source)}.get(value["type"])
-            found.append({k: v for k, v in {**value, "source": here}.items() if v not in (None, "", {}, False)})
+            mounts.append({k: v for k, v in {**value, "source": here}.items() if v not in (None, "", {}, False)})
         elif not value.startswith(RUN):
             source, colon, rest = value.partition(":")
             if colon:
                 source = writing.path(source) if is_path(source) else writing.volumes.get(source, source)
-            found.append(source + colon + rest)
-    if found:
-        writing.put(option, found)
+            mounts.append(source + colon + rest)
+    if mounts:
+        writing.put(option, mounts)
 
 
 def _volumes_from(writing: Writing, option: str, values: list[str]) -> None:
-    found = []
+    references = []
     for value in values:
         name, colon, mode = value.removeprefix("container:").partition(":")
         own = (
             name if name in writing.containers.values() and value.startswith(name) else writing.containers.get(name, "")
         )
-        found.append((own or f"container:{name}") + colon + mode)
-    writing.put(option, found)
+        references.append((own or f"container:{name}") + colon + mode)
+    writing.put(option, references)
 
 
 def _ulimits(writing: Writing, option: str, value: Mapping[str, Mapping[str, int]]) -> None:

@@ -21,8 +21,8 @@ def profiles(catalog: Catalog) -> Mapping[str, list[str]]:
     groups = {g.name: closure(services, g.services) for g in catalog.groups.values() if _PROFILE.fullmatch(g.name)}
     grouped = {name for members in groups.values() for name in members}
     active = closure(services, [*roots, *(services.keys() - grouped)])
-    found: dict[str, list[str]] = {}
+    by_service: dict[str, list[str]] = {}
     for group, members in sorted(groups.items()):
         for name in members - active:
-            found.setdefault(name, []).append(group)
-    return found
+            by_service.setdefault(name, []).append(group)
+    return by_service

@@ -105,12 +105,12 @@ def _note_models(work: Work) -> None:
 def groups(work: Work) -> list[Made]:
     """One group for each profile, and one for each service with several copies."""
     services = work.project.services
-    found = []
+    manifests = []
     for name in services:
         if (copies := work.copies(name)) > 1:
             members = [f"{name}-{n}" for n in range(1, copies + 1)]
             comment = f"From {work.origin('services', name)}: the {copies} copies of {name}."
-            found.append(Made("Group", name, {"services": members}, (comment,)))
+            manifests.append(Made("Group", name, {"services": members}, (comment,)))
     profiles: dict[str, list[str]] = {}
     for name in services:
         for profile in work.project.profiles.get(name, ()):
@@ -121,8 +121,8 @@ def groups(work: Work) -> list[Made]:
         if group != profile:
             work.note(f"the profile {profile} becomes the group {group}, because a service has its name", *place)
         comment = f"From {work.origin(*place)}: the profile {profile}. `rorg request {group}` starts it."
-        found.append(Made("Group", group, {"services": members}, (comment,)))
-    return found
+        manifests.append(Made("Group", group, {"services": members}, (comment,)))
+    return manifests
 
 
 def requests(work: Work) -> list[Made]:
@@ -167,5 +167,5 @@ def from_compose(
     _note_models(work)
     built, used = images(work)
     made = [COMMON, *services(work, used), *built, *networks(work), *volumes(work), *groups(work), *requests(work)]
-    found = [*work.found, *fixed_variables(work)]
-    return Imported(tuple(made), dict(work.files), frozenset(work.private), tuple(sorted(dict.fromkeys(found))))
+    diagnostics = [*work.found, *fixed_variables(work)]
+    return Imported(tuple(made), dict(work.files), frozenset(work.private), tuple(sorted(dict.fromkeys(diagnostics))))

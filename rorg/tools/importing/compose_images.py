@@ -138,13 +138,13 @@ def _args(work: Work, said: Mapping[str, Any], place: tuple[str, ...]) -> dict[s
 
 
 def _contexts(work: Work, said: Mapping[str, str], wanted: Mapping[str, str], place: tuple[str, ...]) -> dict[str, str]:
-    found = {}
+    contexts = {}
     for name, value in said.items():
         if value.startswith("service:"):
-            found[name] = wanted.get(value.removeprefix("service:"), value)
+            contexts[name] = wanted.get(value.removeprefix("service:"), value)
         elif is_remote(value) and not value.startswith(REFERENCES):
             message = f"build.additional_contexts.{name}: rorg cannot build from {value}"
             work.refuse(message, *place, "additional_contexts", name, remedy="a clone of it beside the manifests")
         else:
-            found[name] = value if value.startswith(REFERENCES) else work.local(value, "images")
-    return found
+            contexts[name] = value if value.startswith(REFERENCES) else work.local(value, "images")
+    return contexts

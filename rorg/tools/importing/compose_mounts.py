@@ -23,8 +23,8 @@ OWN = {
 
 def volumes(work: Work, name: str, value: list[Mapping[str, Any]]) -> list[Any]:
     """All volumes of one service."""
-    found = [_volume(work, item, ("services", name, "volumes", index)) for index, item in enumerate(value)]
-    return [item for item in found if item is not None]
+    mounts = [_volume(work, item, ("services", name, "volumes", index)) for index, item in enumerate(value)]
+    return [item for item in mounts if item is not None]
 
 
 def _volume(work: Work, said: Mapping[str, Any], place: tuple[Step, ...]) -> Any:
@@ -70,7 +70,7 @@ def _volume(work: Work, said: Mapping[str, Any], place: tuple[Step, ...]) -> Any
 def files_of(work: Work, name: str, section: str) -> list[Any]:
     """Mounts of the configs or secrets of a service. They become plain files of this machine."""
     declared = getattr(work.project, section)
-    found = []
+    mounts = []
     for index, said in enumerate(work.project.services[name].get(section) or ()):
         place = ("services", name, section, index)
         work.check(SERVICE_FILE, said, *place, shown=f"{section}.")
@@ -79,9 +79,9 @@ def files_of(work: Work, name: str, section: str) -> list[Any]:
         target = said.get("target") or source
         target = target if target.startswith("/") else BASES[section] + target
         if path:
-            found.append({"type": "bind", "source": path, "target": target, "read_only": True})
+            mounts.append({"type": "bind", "source": path, "target": target, "read_only": True})
             work.warn(f"{section[:-1]} {source} becomes the file {path}, mounted read-only", *place)
-    return found
+    return mounts
 
 
 def _file(work: Work, section: str, source: str, said: Mapping[str, Any]) -> str:

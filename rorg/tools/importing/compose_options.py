@@ -35,38 +35,38 @@ WITHOUT = {"host": ("ports", "mac_address"), "none": ("ports",), "service": ("po
 def options(work: Work, name: str) -> dict[str, Any]:
     """All options of a service that are carried over, in the order of the table."""
     said = work.project.services[name]
-    found: dict[str, Any] = {}
+    container_options: dict[str, Any] = {}
     for key, row in SERVICE.items():
         given = _gpu_requests(said) if key == "gpus" else said.get(key)
         if row.how == "carried" and key not in ELSEWHERE and given is not None:
             value = FORMS[key](work, name, given) if key in FORMS else given
             if value not in ({}, [], None) or key == "entrypoint":
-                found[key] = value
-    return _on_its_network(work, name, found)
+                container_options[key] = value
+    return _on_its_network(work, name, container_options)
 
 
-def _on_its_network(work: Work, name: str, found: dict[str, Any]) -> dict[str, Any]:
+def _on_its_network(work: Work, name: str, container_options: dict[str, Any]) -> dict[str, Any]:
     """Without options that have no effect on a network that is not the container's own."""
     own = {work.known("networks", n) for n in work.project.services[name].get("networks") or ()} & OF_THE_ENGINE
     if own:
-        del found["networks"]
-        found["network_mode"] = min(own)
-    mode = found.get("network_mode", "")
+        del container_options["networks"]
+        container_options["network_mode"] = min(own)
+    mode = container_options.get("network_mode", "")
     without = WITHOUT.get("service" if mode.startswith(("service:", "container:")) else mode, ())
     for key in without:
-        if key in found:
+        if key in container_options:
             work.note(f"{key} has no effect under network_mode: {mode}", "services", name, key)
-    return {key: value for key, value in found.items() if key not in without}
+    return {key: value for key, value in container_options.items() if key not in without}
 
 
 def _rates(value: Mapping[str, Any]) -> Any:
     lists = {key: items for key, items in value.items() if isinstance(items, list)}
-    found = {key: [{k: size(v) if k == "rate" else v for k, v in one.items()} for one in lists[key]] for key in lists}
-    return {**value, **found}
+    rates = {key: [{k: size(v) if k == "rate" else v for k, v in one.items()} for one in lists[key]] for key in lists}
+    return {**value, **rates}
 
 
 def _devices(work: Work, name: str, value: list[Mapping[str, str]]) -> Any:
-    found = []
+    devices = []
     nodes = [item for item in value if not CDI.fullmatch(item["source"])]
     if unpluggable := [item for item in nodes if not item["source"].startswith(BUILT_IN)]:
         names = ", ".join(item["source"] for item in unpluggable)
@@ -81,8 +81,8 @@ def _devices(work: Work, name: str, value: list[Mapping[str, str]]) -> Any:
     for item in nodes:
         source, target, access = item["source"], item["target"], item["permissions"]
         short = source if target == source else f"{source}:{target}"
-        found.append(short if access == "rwm" else f"{source}:{target}:{access}")
-    return found
+        devices.append(short if access == "rwm" else f"{source}:{target}:{access}")
+    return devices
 
 
 def _hosts(value: list[str]) -> Any:
@@ -99,9 +99,9 @@ def _gpu_requests(said: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """The requests for GPUs of a service, each once: of `gpus`, of its deployment, and of devices with CDI names."""
     reserved = ((said.get("deploy") or {}).get("resources") or {}).get("reservations") or {}
     named = [item["source"] for item in said.get("devices") or () if CDI.fullmatch(item["source"])]
-    found = [*(said.get("gpus") or ()), *(reserved.get("devices") or ())]
-    found += [{"driver": "cdi", "device_ids": named}] * bool(named)
-    return [item for index, item in enumerate(found) if item not in found[:index]]
+    requests = [*(said.get("gpus") or ()), *(reserved.get("devices") or ())]
+    requests += [{"driver": "cdi", "device_ids": named}] * bool(named)
+    return [item for index, item in enumerate(requests) if item not in requests[:index]]
 
 
 def _gpus(value: list[Mapping[str, Any]]) -> Any:
@@ -117,7 +117,7 @@ def _logging(work: Work, name: str, value: Mapping[str, Any]) -> Any:
 
 def _ulimits(work: Work, name: str, value: Mapping[str, Any]) -> Any:
     """Limits of the kernel. The engine reads every negative number as no limit."""
-    found = {}
+    ulimits = {}
     for limit, said in value.items():
         both = said if isinstance(said, Mapping) else {"soft": said, "hard": said}
         least = {key: max(number, -1) for key, number in both.items()}
@@ -125,8 +125,8 @@ def _ulimits(work: Work, name: str, value: Mapping[str, Any]) -> Any:
             work.note(
                 f"ulimits.{limit}: the engine takes {min(both.values())} for no limit", "services", name, "ulimits"
             )
-        found[limit] = least if isinstance(said, Mapping) else least["soft"]
-    return found
+        ulimits[limit] = least if isinstance(said, Mapping) else least["soft"]
+    return ulimits
 
 
 def _user(_work: Work, _name: str, value: str) -> Any:
@@ -160,13 +160,13 @@ def _port(item: Mapping[str, Any]) -> str:
 
 def _networks(work: Work, name: str, value: Mapping[str, Any]) -> Any:
     """Every network has the service's name as an alias, because that is how services find each other under Compose."""
-    found = {}
+    networks = {}
     for network, said in value.items():
         work.check(SERVICE_NETWORK, said or {}, "services", name, "networks", network, shown=f"networks.{network}.")
         own = {k: v for k, v in (said or {}).items() if k in SERVICE_NETWORK and SERVICE_NETWORK[k].how == "carried"}
         names = dict.fromkeys([name, *(own.pop("aliases", None) or ()), *work.aliases.get(name, ())])
-        found[work.called("networks", network)] = {"aliases": list(names), **nonempty(own)}
-    return found
+        networks[work.called("networks", network)] = {"aliases": list(names), **nonempty(own)}
+    return networks
 
 
 def _namespace(work: Work, _name: str, value: str) -> Any:
@@ -176,21 +176,21 @@ def _namespace(work: Work, _name: str, value: str) -> Any:
 
 
 def _volumes_from(work: Work, _name: str, value: list[str]) -> Any:
-    found = []
+    references = []
     for item in value:
         other, colon, access = item.partition(":")
-        found.append(item if other == "container" else f"{work.first(other)}{colon}{access}")
-    return found
+        references.append(item if other == "container" else f"{work.first(other)}{colon}{access}")
+    return references
 
 
 def _security(work: Work, _name: str, value: list[str]) -> Any:
-    found = []
+    security_options = []
     for item in value:
         kind, _, profile = item.partition("=") if "=" in item else item.partition(":")
         if kind == "seccomp" and profile not in ("unconfined", "builtin", "") and not profile.startswith("{"):
             item = f"seccomp={work.local(str(work.project.directory / profile))}"
-        found.append(item)
-    return found
+        security_options.append(item)
+    return security_options
 
 
 def _isolation(work: Work, name: str, value: str) -> Any:

@@ -66,11 +66,11 @@ def _rename(work: Work) -> None:
 
 def _conditions(work: Work) -> dict[str, set[str]]:
     """Service -> the conditions that its dependants wait for."""
-    found: dict[str, set[str]] = {}
+    conditions: dict[str, set[str]] = {}
     for said in work.project.services.values():
         for other, how in (said.get("depends_on") or {}).items():
-            found.setdefault(other, set()).add(how.get("condition") or "")
-    return found
+            conditions.setdefault(other, set()).add(how.get("condition") or "")
+    return conditions
 
 
 def _copies(work: Work, name: str, image: str, conditions: Mapping[str, set[str]]) -> Iterator[Made]:
@@ -136,14 +136,14 @@ def _users_of_memory(work: Work, name: str) -> list[str]:
 
 def _needs(work: Work, name: str) -> list[Any]:
     said = work.project.services[name]
-    found: dict[str, Any] = {}
+    needs: dict[str, Any] = {}
     for other, how in (said.get("depends_on") or {}).items():
         if other in work.project.services:
-            found[other] = {"service": other, "restart": True} if how.get("restart") else other
+            needs[other] = {"service": other, "restart": True} if how.get("restart") else other
     for link in said.get("links") or ():
         other = link.partition(":")[0]
-        found.setdefault(other, other)
-    return list(found.values())
+        needs.setdefault(other, other)
+    return list(needs.values())
 
 
 def _ready(work: Work, name: str, awaited: set[str]) -> Any:
@@ -177,12 +177,12 @@ def _restart(work: Work, name: str, awaited: set[str]) -> Any:
     kind, colon, _ = str(written).partition(":")
     if colon:
         work.note(f"restart: {written}: rorg restarts without limit, with growing delays", *place)
-    found = "on-failure" if kind == "on-failure" else RESTARTS.get(kind, "always")
-    if found == "always" and COMPLETED in awaited:
+    restart = "on-failure" if kind == "on-failure" else RESTARTS.get(kind, "always")
+    if restart == "always" and COMPLETED in awaited:
         message = f"some services wait until {name} has ended, so it is restarted only if it fails"
         work.warn(message, *place)
         return "on-failure"
-    return found
+    return restart
 
 
 def _labels(work: Work, name: str) -> dict[str, str]:
@@ -191,11 +191,11 @@ def _labels(work: Work, name: str) -> dict[str, str]:
     built = (said.get("build") or {}).get("labels") or {}
     if built:
         work.note("labels of the image become labels of the container", "services", name, "build", "labels")
-    found = {**built, **(said.get("labels") or {})}
-    for key in found:
+    labels = {**built, **(said.get("labels") or {})}
+    for key in labels:
         if key.startswith("rorg.io/"):
             work.refuse(f"the label {key} is reserved for rorg", "services", name, "labels", key, remedy="another name")
-    return {key: str(value) for key, value in found.items() if not key.startswith("rorg.io/")}
+    return {key: str(value) for key, value in labels.items() if not key.startswith("rorg.io/")}
 
 
 def deploy_options(work: Work, name: str) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -214,8 +214,8 @@ def deploy_options(work: Work, name: str) -> tuple[dict[str, Any], dict[str, Any
         "pids_limit": limits.get("pids"),
         "mem_reservation": memory,
     }
-    found = {"cpu": reserved.get("cpus"), "memory": memory}
-    return {k: v for k, v in found.items() if v}, {k: v for k, v in container.items() if v}
+    reservations = {"cpu": reserved.get("cpus"), "memory": memory}
+    return {k: v for k, v in reservations.items() if v}, {k: v for k, v in container.items() if v}
 
 
 def environment(work: Work, name: str) -> dict[str, Any]:
@@ -228,9 +228,9 @@ def environment(work: Work, name: str) -> dict[str, Any]:
             work.note(message, "services", name, "environment", key)
     values = {key: str(value) for key, value in said.items() if value is not None}
     names, of_files = _files(work, name)
-    found: dict[str, Any] = {"env_file": names} if names else {}
+    container_options: dict[str, Any] = {"env_file": names} if names else {}
     own = {key: value for key, value in values.items() if of_files.get(key) != value}
-    return found | ({"environment": own} if own else {})
+    return container_options | ({"environment": own} if own else {})
 
 
 def _files(work: Work, name: str) -> tuple[list[Any], dict[str, str]]:
@@ -261,12 +261,12 @@ def fixed_variables(work: Work) -> list[Diagnostic]:
     for place, names in work.project.taken.items():
         for name in names:
             users.setdefault(name, []).append(place)
-    found = []
+    notes = []
     for name, variable in work.project.variables.items():
         if variable.value is None or variable.file is not None or name not in users:
             continue
         services = dict.fromkeys(str(p[1]) for p in users[name] if p[0] == "services" and len(p) > 1)
         where = f" in {', '.join(services)}" if services else ""
         message = f"{name} was taken from the environment: its current value is now fixed{where}"
-        found.append(Diagnostic(work.project.where(*users[name][0]), message, "", NOTE))
-    return found
+        notes.append(Diagnostic(work.project.where(*users[name][0]), message, "", NOTE))
+    return notes

@@ -67,8 +67,8 @@ class Work:
 
     def told(self, before: int) -> list[str]:
         """All findings after the first `before` ones that are not errors, as comments of a manifest."""
-        found = [d for d in self.found[before:] if d.severity != "error"]
-        return [d.message + advice(d.remedy) for d in found]
+        diagnostics = [d for d in self.found[before:] if d.severity != "error"]
+        return [d.message + advice(d.remedy) for d in diagnostics]
 
     def check(self, table: Mapping[str, Row], said: Mapping[str, Any], *path: Step, shown: str = "") -> None:
         """Reports all keys of a section that are dropped or refused. `shown`: prefix of the keys in messages."""

@@ -63,10 +63,10 @@ def read_launch(path: Path, text: str) -> Element | Diagnostic:
     except expat.ExpatError as error:
         where = Where(str(path), error.lineno, error.offset + 1)
         return Diagnostic(where, f"not XML: {expat.ErrorString(error.code)}", "to fix it")
-    found = top.children[0]
-    if found.tag != "launch":
-        return Diagnostic(found.where, f"it starts with <{found.tag}>", "<launch>")
-    return found
+    root = top.children[0]
+    if root.tag != "launch":
+        return Diagnostic(root.where, f"it starts with <{root.tag}>", "<launch>")
+    return root
 
 
 _ROS2 = re.compile(

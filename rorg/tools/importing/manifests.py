@@ -145,6 +145,6 @@ def _move(names: Iterable[Path], part: Path, output: Path) -> None:
 def _clear(folder: Path) -> None:
     """Removes what killed imports left behind."""
     for path in folder.glob(".*"):
-        found = _PART.fullmatch(path.name)
-        if found and path.is_dir() and not path.is_symlink() and not os.path.exists(f"/proc/{found[1]}"):
+        match = _PART.fullmatch(path.name)
+        if match and path.is_dir() and not path.is_symlink() and not os.path.exists(f"/proc/{match[1]}"):
             shutil.rmtree(path, ignore_errors=True)

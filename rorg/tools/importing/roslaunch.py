@@ -149,28 +149,28 @@ class _Reading:
 
     def _inner(self, element: Element, attribute: str, namespace: str, values: Mapping[str, str]) -> str:
         """A name or namespace inside another namespace."""
-        found = _joined(namespace, self._filled(element, attribute, values))
-        if len(found) > LONGEST:
+        full_name = _joined(namespace, self._filled(element, attribute, values))
+        if len(full_name) > LONGEST:
             raise TooMuch(element.where, f"a name of more than {LONGEST} characters", "shorter names")
-        return found
+        return full_name
 
     def _filled(self, element: Element, attribute: str, values: Mapping[str, str]) -> str:
         """An attribute with $(arg NAME), $(find PACKAGE) of a known package, and $(dirname) filled in. Everything else
         stays as it is."""
 
         def fill(match: re.Match[str]) -> str:
-            word, name, found = match[1], match[2].strip(), match[0]
+            word, name, replacement = match[1], match[2].strip(), match[0]
             if word == "arg":
-                found = values.get(name, found)
+                replacement = values.get(name, replacement)
             elif word == "find" and name in self.packages:
-                found = str(self.packages[name])
+                replacement = str(self.packages[name])
             elif word == "dirname":
-                found = str(Path(element.where.file).parent)
-            self.filled += len(found)
+                replacement = str(Path(element.where.file).parent)
+            self.filled += len(replacement)
             if self.filled > MOST_FILLED:
                 message = f"arguments add more than {MOST_FILLED >> 20} MiB"
                 raise TooMuch(element.where, message, "shorter arguments")
-            return found
+            return replacement
 
         return _ARGUMENT.sub(fill, element.get(attribute))
 
@@ -232,10 +232,10 @@ def _package(path: Path, read: Read) -> tuple[Path | None, str]:
     """The folder and name of the package that a file is in: the nearest package.xml that can be read."""
     for folder in path.parents:
         try:
-            found = re.search(r"<name>\s*([\w-]+)\s*</name>", read(folder / "package.xml"))
+            match = re.search(r"<name>\s*([\w-]+)\s*</name>", read(folder / "package.xml"))
         except OSError:
             continue
-        return folder, found[1] if found else ""
+        return folder, match[1] if match else ""
     return None, ""
 
 

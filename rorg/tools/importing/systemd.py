@@ -24,7 +24,7 @@ def from_systemd(texts: Mapping[Path, str], image: str, tree: Path, skip: bool =
     except TooMuch as bound:
         return Imported(diagnostics=(bound.diagnostic,))
     units = _instances(units)
-    made, found = dict[str, Made](), list[Diagnostic]()
+    made, diagnostics = dict[str, Made](), list[Diagnostic]()
     for unit in units.values():
         own, told = _made(unit, units, image, tree)
         told += [
@@ -33,23 +33,23 @@ def from_systemd(texts: Mapping[Path, str], image: str, tree: Path, skip: bool =
         if any(d.severity == "error" for d in told) and skip:
             told = [replace(d, message=f"skipped: {d.message}", severity="warning") for d in told]
             own = []
-        found += told
+        diagnostics += told
         made |= {one.name: one for one in own}
-    return Imported(tuple(made.values()), diagnostics=tuple(sorted(found)))
+    return Imported(tuple(made.values()), diagnostics=tuple(sorted(diagnostics)))
 
 
 def _made(unit: Unit, units: Mapping[str, Unit], image: str, tree: Path) -> tuple[list[Made], list[Diagnostic]]:
     """The manifests of a unit, and findings about them."""
-    found: list[Diagnostic] = []
+    diagnostics: list[Diagnostic] = []
     name = unit.path.name
     if name.endswith(".target"):
-        return _group(unit, units, found), found
+        return _group(unit, units, diagnostics), diagnostics
     if not name.endswith(".service"):
         return [], [_error(unit, f"{name} is neither a service nor a target", "the .service that it starts")]
     if is_template(name):
         remedy = f"`rorg import systemd {name.replace('@', '@INSTANCE')}`"
         return [], [_error(unit, f"{name} is a template, and no instance of it is named", remedy)]
-    return [ServiceOf(unit, units, image, tree, found).made()], found
+    return [ServiceOf(unit, units, image, tree, diagnostics).made()], diagnostics
 
 
 def _error(unit: Unit, message: str, remedy: str) -> Diagnostic:
@@ -58,7 +58,7 @@ def _error(unit: Unit, message: str, remedy: str) -> Diagnostic:
 
 def _instances(units: Mapping[str, Unit]) -> dict[str, Unit]:
     """The units, with the instances that they name, or else the default instance, in place of each template."""
-    found: dict[str, Unit] = {}
+    instances: dict[str, Unit] = {}
     for name, unit in units.items():
         prefix, at, suffix = name.partition("@")
         named = [
@@ -67,13 +67,13 @@ def _instances(units: Mapping[str, Unit]) -> dict[str, Unit]:
         default = unit.last("DefaultInstance")
         named = [w for w in dict.fromkeys(named) if w != name] or [f"{prefix}@{default}{suffix}"] * bool(default)
         if not at or not is_template(name) or not named:
-            found[name] = unit
+            instances[name] = unit
         else:
-            found |= {one: unit.of_instance(one) for one in named if one not in units}
-    return found
+            instances |= {one: unit.of_instance(one) for one in named if one not in units}
+    return instances
 
 
-def _group(unit: Unit, units: Mapping[str, Unit], found: list[Diagnostic]) -> list[Made]:
+def _group(unit: Unit, units: Mapping[str, Unit], diagnostics: list[Diagnostic]) -> list[Made]:
     """The group of the imported units that a target starts."""
     named = set(unit.words("Wants", "Requires", "BindsTo"))
     members = [u.name for n, u in units.items() if n.endswith(".service") and n in named]
@@ -81,7 +81,7 @@ def _group(unit: Unit, units: Mapping[str, Unit], found: list[Diagnostic]) -> li
         u.name for u in units.values() if unit.path.name in u.words("WantedBy", "RequiredBy") and u.name not in members
     ]
     if not members:
-        found.append(Diagnostic(unit.where(), f"no service of {unit.path.name} is imported with it", "", NOTE))
+        diagnostics.append(Diagnostic(unit.where(), f"no service of {unit.path.name} is imported with it", "", NOTE))
         return []
     return [
         Made("Group", unit.name, {"services": members}, (f"From {unit.path}.",), description=unit.last("Description"))

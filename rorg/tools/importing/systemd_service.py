@@ -46,9 +46,11 @@ REMEDIES = {
 class ServiceOf:
     """Translates one unit."""
 
-    def __init__(self, unit: Unit, units: Mapping[str, Unit], image: str, tree: Path, found: list[Diagnostic]) -> None:
+    def __init__(
+        self, unit: Unit, units: Mapping[str, Unit], image: str, tree: Path, diagnostics: list[Diagnostic]
+    ) -> None:
         self.unit, self.unknown = with_specifiers(unit)
-        self.units, self.image, self.tree, self.found = units, image, tree, found
+        self.units, self.image, self.tree, self.found = units, image, tree, diagnostics
         self.spec: dict[str, Any] = {}
         self.container: dict[str, Any] = {}
         self.notes: list[str] = []

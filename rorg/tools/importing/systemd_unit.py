@@ -48,8 +48,8 @@ class Unit:
 
     def where(self, key: str = "") -> Where:
         """The place of the first value of a key."""
-        found = self.settings.get(key)
-        return Where(str(self.path), found[0][1] if found else 1)
+        values = self.settings.get(key)
+        return Where(str(self.path), values[0][1] if values else 1)
 
     def all(self, key: str) -> list[str]:
         return [value for value, _ in self.settings.get(key, ())]
@@ -126,13 +126,13 @@ def _unescaped(name: str) -> str:
 
 def seconds_of(text: str) -> float:
     """Seconds of a systemd time span such as "1min 5s"; 0 if it is not one, or longer than a day."""
-    at, found = 0, 0.0
+    at, seconds = 0, 0.0
     while at < len(text):
         part = _SPAN.match(text, at)
         if not part or part[2] not in UNITS:
             return 0.0
-        at, found = part.end(), found + float(part[1]) * UNITS[part[2]]
-    return round(found, 6) if found <= MOST_SECONDS else 0.0
+        at, seconds = part.end(), seconds + float(part[1]) * UNITS[part[2]]
+    return round(seconds, 6) if seconds <= MOST_SECONDS else 0.0
 
 
 def number_of(text: str) -> int | None:

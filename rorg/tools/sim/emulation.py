@@ -77,8 +77,8 @@ def simulated(catalog: Catalog, trace: Trace, run: EmulatedRun, workload: Worklo
     """The same trace in virtual time, starting when everything is up. Each event has the time at which the emulation
     passed it on, because delays of a busy machine are not rorg's decisions."""
     played = replace(trace, events=run.made).delayed(WARM_UP)
-    found = simulate(catalog, played, workload, 0, name="simulated", all_on=all_on, every=EVERY)
-    samples = tuple(replace(s, at=s.at - WARM_UP) for s in found.samples if s.at >= WARM_UP)
+    simulation = simulate(catalog, played, workload, 0, name="simulated", all_on=all_on, every=EVERY)
+    samples = tuple(replace(s, at=s.at - WARM_UP) for s in simulation.samples if s.at >= WARM_UP)
     return RunResult("simulated", trace.duration, samples)
 
 
@@ -149,8 +149,8 @@ def _times(responses: Sequence[Response]) -> dict[str, Any]:
     return {"requests": len(responses), "ready": len(ready), **_seconds(ready)}
 
 
-def _seconds(found: Sequence[float]) -> dict[str, float]:
-    return {"median": round(median(found), 3), "longest": round(max(found), 3)} if found else {}
+def _seconds(seconds: Sequence[float]) -> dict[str, float]:
+    return {"median": round(median(seconds), 3), "longest": round(max(seconds), 3)} if seconds else {}
 
 
 def as_json(emulation: Emulation) -> dict[str, Any]:
@@ -194,9 +194,9 @@ def _run(one: Compared, share: Share) -> dict[str, Any]:
     }
 
 
-def _agreement(found: Agreement) -> dict[str, Any]:
-    rounded = {"services": round(found.services, 4), "sets": round(found.sets, 4)}
-    return {"moments": found.moments, **rounded, "differing": dict(found.differing)}
+def _agreement(agreement: Agreement) -> dict[str, Any]:
+    rounded = {"services": round(agreement.services, 4), "sets": round(agreement.sets, 4)}
+    return {"moments": agreement.moments, **rounded, "differing": dict(agreement.differing)}
 
 
 def _changes(result: RunResult) -> Iterator[dict[str, Any]]:

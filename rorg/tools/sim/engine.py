@@ -127,8 +127,8 @@ class SimEngine:
 
     def find_objects(self, keys: Collection[str]) -> FoundObjects:
         asked = frozenset(keys)
-        found = {k: one for k, one in self.objects.items() if one.owner == self.owner or k in asked}
-        return FoundObjects(found, asked, complete=True)
+        objects = {k: one for k, one in self.objects.items() if one.owner == self.owner or k in asked}
+        return FoundObjects(objects, asked, complete=True)
 
     def object_events(self, stop: threading.Event) -> Iterator[None]:
         """Only the first event: after changing objects, callers look again without one."""
@@ -156,12 +156,12 @@ class SimEngine:
 
     def _joins(self, name: str, spec: Mapping[str, Any]) -> builtins.list[str]:
         """Ids of joined containers. Like Docker, the engine finds them by id, not by name."""
-        found = [v.removeprefix("container:") for o in NAMESPACES if (v := spec.get(o, "")).startswith("container:")]
+        ids = [v.removeprefix("container:") for o in NAMESPACES if (v := spec.get(o, "")).startswith("container:")]
         others = [v.partition(":")[0] for v in spec.get("volumes_from", ()) if not v.startswith("container:")]
-        lost = [c for c in [*found, *others] if c not in self.containers]
+        lost = [c for c in [*ids, *others] if c not in self.containers]
         if lost:
             raise EngineError(f"create {name}", f"No such container: {lost[0]}")
-        return found
+        return ids
 
     def start(self, container: str) -> None:
         self._join(container)
@@ -180,13 +180,13 @@ class SimEngine:
 
     def _join(self, container: str) -> None:
         """Joins a network for the second time by its id, like Docker."""
-        found = self._get(container)
-        for name, known in found.networks.items():
+        target = self._get(container)
+        for name, known in target.networks.items():
             there = self.objects.get(subject("network", name))
             if there is None or known not in ("", there.id):
-                raise EngineError(f"start {found.service}", f"no network {known[:12] or name}", kind="conflict")
-        ids = {name: self.objects[subject("network", name)].id for name in found.networks}
-        self.containers[container] = replace(found, networks=ids)
+                raise EngineError(f"start {target.service}", f"no network {known[:12] or name}", kind="conflict")
+        ids = {name: self.objects[subject("network", name)].id for name in target.networks}
+        self.containers[container] = replace(target, networks=ids)
 
     def pause(self, container: str) -> None:
         self._change("pause", container, ("running",), state="paused")
@@ -235,9 +235,9 @@ class SimEngine:
     def exec(
         self, container: str, command: Sequence[str], timeout: float, stop: threading.Event | None = None
     ) -> tuple[int, bytes]:
-        found = self._get(container)
-        if found.state != "running":
-            raise EngineError(f"run {command[0]} in {found.service}", f"it is {found.state}", kind="conflict")
+        target = self._get(container)
+        if target.state != "running":
+            raise EngineError(f"run {command[0]} in {target.service}", f"it is {target.state}", kind="conflict")
         return self.answers.get(tuple(command), (0, b""))
 
     def close(self) -> None:
@@ -282,11 +282,11 @@ class SimEngine:
         self.calls.append((self.clock(), verb, service))
 
     def _change(self, verb: str, container: str, states: tuple[str, ...], **fields: Any) -> None:
-        found = self._get(container)
-        if states and found.state not in states:
-            raise EngineError(f"{verb} {found.service}", f"it is {found.state}", kind="conflict")
-        self._fault(verb, found.service)
-        self.containers[container] = replace(found, **fields)
+        target = self._get(container)
+        if states and target.state not in states:
+            raise EngineError(f"{verb} {target.service}", f"it is {target.state}", kind="conflict")
+        self._fault(verb, target.service)
+        self.containers[container] = replace(target, **fields)
         self._tell(container)
 
 

@@ -37,8 +37,8 @@ class ServicesMeter:
         """Bytes at the last look."""
 
     def look(self, containers: tuple[Container, ...]) -> None:
-        found = self._usage(containers)
-        now = {f"{c.id} {c.started_at}": found[c.id] for c in containers if c.id in found}
+        usage_by_id = self._usage(containers)
+        now = {f"{c.id} {c.started_at}": usage_by_id[c.id] for c in containers if c.id in usage_by_id}
         if self._before is not None:
             before = self._before
             self.cpu_seconds += sum(max(0.0, use.cpu - before.get(run, 0.0)) for run, use in now.items())
@@ -91,11 +91,11 @@ class EmulatedRun:
     @property
     def calls(self) -> dict[str, tuple[float, ...]]:
         """Verb -> seconds of each call of the engine."""
-        found: dict[str, tuple[float, ...]] = {}
+        by_verb: dict[str, tuple[float, ...]] = {}
         for (verb, _), seconds in sorted(self.measured.items()):
             if verb not in ("up", "again"):
-                found[verb] = (*found.get(verb, ()), *seconds)
-        return found
+                by_verb[verb] = (*by_verb.get(verb, ()), *seconds)
+        return by_verb
 
 
 @dataclass
@@ -263,15 +263,15 @@ class Player:
         decision = self.loop.decision
         if decision is None:
             return False
-        memory, found = decision.memory, decision.situation.observed.of(service)
-        if any(c.state == "exited" and memory.of(service).over(self.catalog.services[service], c) for c in found):
+        memory, containers = decision.memory, decision.situation.observed.of(service)
+        if any(c.state == "exited" and memory.of(service).over(self.catalog.services[service], c) for c in containers):
             return True
-        running = any(c.state == "running" for c in found)
+        running = any(c.state == "running" for c in containers)
         return running and memory.of(service).ready and service not in memory.in_flight
 
     def _calls(self, seq: int) -> dict[tuple[str, str], list[float]]:
         """(verb, service) -> seconds of each call of the engine after this entry of the journal."""
-        found: dict[tuple[str, str], list[float]] = {}
+        durations: dict[tuple[str, str], list[float]] = {}
         for entry in self.loop.recorder.journal.select(Filter(kinds=frozenset({"done"}), after=seq), ALL):
-            found.setdefault((entry["verb"], entry["service"]), []).append(entry["seconds"])
-        return found
+            durations.setdefault((entry["verb"], entry["service"]), []).append(entry["seconds"])
+        return durations

@@ -122,7 +122,7 @@ AXES = (("CPU (cores, mean)", "cpu", 1.0), ("memory (GiB, mean)", "memory", 1 <<
 """Label, field of a Cost, and its unit."""
 
 
-def draw_sweep(found: Sequence[Tried], title: str, note: str) -> Figure:
+def draw_sweep(points: Sequence[Tried], title: str, note: str) -> Figure:
     """Plots how long requests wait over the CPU and memory that this costs. Each line goes through the values of the
     first setting, for one combination of the others. Filled points are not beaten by any other. `note`: below the
     plot."""
@@ -130,14 +130,14 @@ def draw_sweep(found: Sequence[Tried], title: str, note: str) -> Figure:
 
     figure = Figure(figsize=(11, 5), layout="constrained")
     panels: Any = figure.subplots(1, len(AXES), sharey=True)
-    lines = _lines(found)
+    lines = _lines(points)
     for axes, (label, field, unit) in zip(panels, AXES, strict=True):
         for name, line in lines.items():
             _draw(axes, name, line, field, unit)
         axes.set_xlabel(label)
         axes.grid(alpha=0.3)
     panels[0].set_ylabel("response time (s, mean)")
-    panels[0].set_ylim(bottom=0, top=max((one.cost.waiting for one in found), default=0.0) * 1.1 or None)
+    panels[0].set_ylim(bottom=0, top=max((one.cost.waiting for one in points), default=0.0) * 1.1 or None)
     if len(lines) > 1:
         panels[-1].legend(loc="lower left")
     figure.suptitle(title)
@@ -148,10 +148,10 @@ def draw_sweep(found: Sequence[Tried], title: str, note: str) -> Figure:
     return figure
 
 
-def _lines(found: Sequence[Tried]) -> Mapping[str, list[Tried]]:
+def _lines(points: Sequence[Tried]) -> Mapping[str, list[Tried]]:
     """Points by their common settings; one that is not a combination of settings is on its own."""
     lines = dict[str, list[Tried]]()
-    for one in found:
+    for one in points:
         rest = [f"{key}={value}" for key, value in list(one.variant.settings.items())[1:]]
         lines.setdefault(", ".join(rest) if one.variant.settings else one.variant.name, []).append(one)
     return lines

@@ -85,7 +85,7 @@ class Programs:
         return one.values[0] if len(one.values) == 1 else self._stream(service, purpose).choice(one.values)
 
     def _stream(self, service: str, purpose: str) -> Random:
-        found = self._streams.get((service, purpose))
-        if found is None:
-            found = self._streams[service, purpose] = Random(f"{self.seed}/{service}/{purpose}")
-        return found
+        stream = self._streams.get((service, purpose))
+        if stream is None:
+            stream = self._streams[service, purpose] = Random(f"{self.seed}/{service}/{purpose}")
+        return stream

@@ -48,10 +48,10 @@ def reduction(result: RunResult, against: RunResult) -> dict[str, float]:
 
 def by_state(responses: Sequence[Response]) -> dict[str, list[Response]]:
     """Responses by the state that was entered, or by the id of a request outside of any state."""
-    found: dict[str, list[Response]] = {}
+    responses_by_state: dict[str, list[Response]] = {}
     for one in responses:
-        found.setdefault(one.state or one.id, []).append(one)
-    return dict(sorted(found.items()))
+        responses_by_state.setdefault(one.state or one.id, []).append(one)
+    return dict(sorted(responses_by_state.items()))
 
 
 def _times(responses: Sequence[Response]) -> dict[str, Any]:
@@ -83,18 +83,18 @@ def rows(results: Sequence[RunResult]) -> list[dict[str, str]]:
     return [_row(summary(one, results[0] if one is not results[0] else None)) for one in results]
 
 
-def _row(found: Mapping[str, Any]) -> dict[str, str]:
-    less, times = found["reduction"] or {"cpu": None, "memory": None}, found["responses"]["all"]
+def _row(summary: Mapping[str, Any]) -> dict[str, str]:
+    less, times = summary["reduction"] or {"cpu": None, "memory": None}, summary["responses"]["all"]
     return {
-        "run": found["run"],
-        "cpu": f"{found['cpu']:.2f}{_percent(less['cpu'])}",
-        "memory": f"{format_memory(round(found['memory']))}{_percent(less['memory'])}",
-        "peak": format_memory(found["peak_memory"]),
+        "run": summary["run"],
+        "cpu": f"{summary['cpu']:.2f}{_percent(less['cpu'])}",
+        "memory": f"{format_memory(round(summary['memory']))}{_percent(less['memory'])}",
+        "peak": format_memory(summary["peak_memory"]),
         "ready": _seconds(times["median"]),
         "95%": _seconds(times["p95"]),
         "never": f"{times['never']} of {times['count']}",
-        "violations": ", ".join(f"{n} {code}" for code, n in found["violations"].items()) or "-",
-        "calls": ", ".join(f"{n} {verb}" for verb, n in found["calls"].items()) or "-",
+        "violations": ", ".join(f"{n} {code}" for code, n in summary["violations"].items()) or "-",
+        "calls": ", ".join(f"{n} {verb}" for verb, n in summary["calls"].items()) or "-",
     }
 
 

@@ -140,14 +140,14 @@ class SimRobot:
     def _done(self, action: Action) -> None:
         """Applies the effects of a completed call."""
         if isinstance(action.operation, Start):
-            found = self.engine.containers[action.container]
-            after = 0.5 if found.digest in self.faults.bad else self.faults.crash_after.get(action.service)
+            container = self.engine.containers[action.container]
+            after = 0.5 if container.digest in self.faults.bad else self.faults.crash_after.get(action.service)
             if after is not None:
-                self.at(self.now + after, lambda: self._crash(found.id, found.incarnation))
+                self.at(self.now + after, lambda: self._crash(container.id, container.incarnation))
 
     def _crash(self, container: str, run: str) -> None:
-        found = self.engine.containers.get(container)
-        if found and found.alive and found.incarnation == run:
+        observed = self.engine.containers.get(container)
+        if observed and observed.alive and observed.incarnation == run:
             self.engine.kill(container, self.faults.exit_code)
 
     def inputs(self) -> Inputs:
@@ -186,28 +186,28 @@ class SimRobot:
 
     def _findings(self) -> Mapping[tuple[str, str], ProbeResult]:
         """Answers to the probes that the last pass wanted."""
-        found = {}
+        answers = {}
         for (name, role), target in self._asked.items():
             step = self.memory.of(name)
             if role == "interlock":
                 ok = name not in self.locked
-                found[name, role] = ProbeResult("", ok, self.now, "" if ok else "not allowed")
+                answers[name, role] = ProbeResult("", ok, self.now, "" if ok else "not allowed")
             elif role == ROLE:
-                found[name, role] = ProbeResult(target.incarnation, True, self.now)
+                answers[name, role] = ProbeResult(target.incarnation, True, self.now)
             elif step.running_since is not None and step.incarnation == target.incarnation:
                 late = self.now - step.running_since < self.ready_after.get(name, PROBE_AFTER)
                 ok = step.incarnation not in self.hung and not (role == "ready" and late)
-                found[name, role] = ProbeResult(
+                answers[name, role] = ProbeResult(
                     step.incarnation, ok, self.now, "" if ok else "no answer", 0 if ok else 1000
                 )
-        return found
+        return answers
 
     def _seconds_to_next_probe(self) -> float:
         """Seconds until the next pass because of probes. It is soon, unless every answer is the same as in the last
         pass and only an event can change it. A service that is not ready yet becomes ready just by time."""
-        found = self._findings()
+        answers = self._findings()
         steady = all(
-            (answer := found.get(key)) is not None
+            (answer := answers.get(key)) is not None
             and (answer.ok or key[1] != "ready")
             and (told := self._told.get(key)) is not None
             and (told.incarnation, told.ok) == (answer.incarnation, answer.ok)

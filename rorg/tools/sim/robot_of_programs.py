@@ -165,20 +165,20 @@ class RobotOfPrograms(SimRobot):
         return began + ceil(max(0.0, up - began) / every - 1e-9) * every
 
     def _findings(self) -> Mapping[tuple[str, str], ProbeResult]:
-        found = {}
+        answers = {}
         for key, target in self._asked.items():
             step, told = self.memory.of(key[0]), self._told.get(key)
             since = step.running_since
             if key[1] == "interlock":
-                found[key] = ProbeResult("", True, self.now)
+                answers[key] = ProbeResult("", True, self.now)
             elif since is None or step.incarnation != target.incarnation:
                 continue
             elif told and told.ok and told.incarnation == step.incarnation and told.at >= since:
-                found[key] = told
+                answers[key] = told
             else:
                 ok = key[1] == "live" or self.now >= self._answers_at(target.container, target.every)
-                found[key] = ProbeResult(step.incarnation, ok, self.now, "" if ok else "no answer", 0 if ok else 1)
-        return found
+                answers[key] = ProbeResult(step.incarnation, ok, self.now, "" if ok else "no answer", 0 if ok else 1)
+        return answers
 
     def _check(self, decision: Decision) -> None:
         """Violations of the plan are reported with all others."""
@@ -209,8 +209,8 @@ class RobotOfPrograms(SimRobot):
 
     def _end(self, container: str, times: Mapping[str, float], code: int) -> None:
         """Ends a running container if its time has come. A pause may have put it off."""
-        found = self.engine.containers.get(container)
-        if found and found.state == "running" and times[container] <= self.now:
+        observed = self.engine.containers.get(container)
+        if observed and observed.state == "running" and times[container] <= self.now:
             self.engine.kill(container, code)
 
     def _account(self) -> None:
@@ -223,18 +223,18 @@ class RobotOfPrograms(SimRobot):
         self._accounted = containers
         self.violations.used(self.now, self.use.cores, self.use.memory)
 
-    def _account_for(self, id: str, found: Container | None) -> None:
+    def _account_for(self, id: str, container: Container | None) -> None:
         before = self.use.of(id)
-        if found is None or not found.alive:
+        if container is None or not container.alive:
             if before is not None:
                 self.use.change(id, None)
             return
-        in_use, running = found.service in self.in_use, found.state == "running"
-        doing = (found.state, in_use, found.started_at)
+        in_use, running = container.service in self.in_use, container.state == "running"
+        doing = (container.state, in_use, container.started_at)
         if before is not None and before.doing == doing:
             return
-        cores = self.programs.cores(found.service, in_use) if running else 0.0
-        memory = self.programs.memory(found.service, found.state, in_use)
+        cores = self.programs.cores(container.service, in_use) if running else 0.0
+        memory = self.programs.memory(container.service, container.state, in_use)
         grown = before.grown(self.use.now) if before is not None and before.doing[2] == doing[2] else 0.0
-        growth = self.programs.growth(found.service) if running else 0.0
-        self.use.change(id, Use(found.service, doing, cores, memory, grown, growth, self.use.now))
+        growth = self.programs.growth(container.service) if running else 0.0
+        self.use.change(id, Use(container.service, doing, cores, memory, grown, growth, self.use.now))

@@ -33,12 +33,12 @@ def all_on_services(catalog: Catalog, trace: Trace) -> tuple[str, ...]:
     that the trace uses come first, and then the earlier names."""
     asked = (member for event in trace.events for name in event.services for member in catalog.members(name))
     used = closure(catalog.services, [*asked, *(n for n, s in catalog.services.items() if s.always_on)])
-    found: set[str] = set()
+    names: set[str] = set()
     for name in sorted((n for n, s in catalog.services.items() if not s.meta), key=lambda n: (n not in used, n)):
-        more = found | closure(catalog.services, [name])
+        more = names | closure(catalog.services, [name])
         if not conflicting(catalog.services, more) and not overbooked(catalog, more):
-            found = more
-    return tuple(sorted(n for n in found if not catalog.services[n].meta))
+            names = more
+    return tuple(sorted(n for n in names if not catalog.services[n].meta))
 
 
 def everything(catalog: Catalog, trace: Trace) -> Request:
@@ -187,9 +187,9 @@ class _Run(RobotOfPrograms):
                 continue
             self._unmade.discard(key)
             request = Request(event.id, event.requester, event.services, event.state, incarnation=run)
-            found = problems(self.desired.catalog, self.document.requests, request)
-            if found:
-                self.violations.refused(self.now, event.requester, found)
+            reasons = problems(self.desired.catalog, self.document.requests, request)
+            if reasons:
+                self.violations.refused(self.now, event.requester, reasons)
                 del self._standing[key]
                 self.document = self.document.without({key})
                 self._want()
@@ -217,12 +217,12 @@ class _Run(RobotOfPrograms):
     def _ready(self, service: str) -> bool:
         """Whether rorg considers a service ready, and its program is up."""
         step = self.memory.of(service)
-        found = next(iter(self._observed().get(service, ())), None)
-        if found is None:
+        container = next(iter(self._observed().get(service, ())), None)
+        if container is None:
             return False
-        if found.state == "exited":
-            return found.exit_code == 0 and step.over(self.desired.catalog.services[service], found)
-        return step.ready and found.state == "running" and self._up.get(found.id, inf) <= self.now
+        if container.state == "exited":
+            return container.exit_code == 0 and step.over(self.desired.catalog.services[service], container)
+        return step.ready and container.state == "running" and self._up.get(container.id, inf) <= self.now
 
     def _observed(self) -> Mapping[str, list[Container]]:
         return self.decision.situation.observed.by_service()

@@ -148,8 +148,8 @@ class ThrowawayRobot:
     def usage(self) -> dict[str, Usage]:
         """Use by service."""
         containers = self.containers()
-        found = self.engine.usage(containers)
-        return {c.service: found[c.id] for c in containers if c.id in found}
+        usage_by_id = self.engine.usage(containers)
+        return {c.service: usage_by_id[c.id] for c in containers if c.id in usage_by_id}
 
     # -- the end -----------------------------------------------------------------------------------------------
 

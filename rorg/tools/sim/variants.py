@@ -77,10 +77,10 @@ def sweep(texts: Sequence[str], tree: Tree) -> list[Variant]:
         if key in values:
             raise Invalid(f"sweep over '{text}'", f"{key} appears twice", "all of its values in one list")
         values[key] = rest.split(",")
-    found = [dict(zip(values, each, strict=True)) for each in itertools.product(*values.values())]
-    if len(found) > MOST:
-        raise Invalid("sweep", f"that would be {len(found)} variants", f"at most {MOST}")
-    return [Variant(_name(settings), with_settings(tree.catalog, settings), settings) for settings in found]
+    combinations = [dict(zip(values, each, strict=True)) for each in itertools.product(*values.values())]
+    if len(combinations) > MOST:
+        raise Invalid("sweep", f"that would be {len(combinations)} variants", f"at most {MOST}")
+    return [Variant(_name(settings), with_settings(tree.catalog, settings), settings) for settings in combinations]
 
 
 def _name(settings: Mapping[str, str]) -> str:
@@ -199,9 +199,9 @@ def _tried(variant: Variant, result: RunResult, responses: Sequence[Response]) -
     return Tried(variant, result, waits, len(responses) - len(waits))
 
 
-def _marked(found: Sequence[Tried]) -> list[Tried]:
-    costs = [one.cost for one in found]
-    return [replace(one, efficient=not any(_beats(other, one.cost) for other in costs)) for one in found]
+def _marked(candidates: Sequence[Tried]) -> list[Tried]:
+    costs = [one.cost for one in candidates]
+    return [replace(one, efficient=not any(_beats(other, one.cost) for other in costs)) for one in candidates]
 
 
 def _beats(one: Cost, other: Cost) -> bool:
