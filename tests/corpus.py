@@ -68,6 +68,9 @@ class Outcome:
     why: str = ""
     compose: str = "-"
     """Whether Compose reads it as rorg does: same, or the first difference."""
+    services: int = 0
+    """Of a valid tree, without the developer that every tree has."""
+    warnings: int = 0
 
 
 def samples() -> list[Sample]:
@@ -100,8 +103,16 @@ def outcome(sample: Sample, folder: Path) -> Outcome:
     if imported.errors:
         return Outcome("refused", imported.errors[0].message, compose)
     write_tree(imported, folder / "manifests")
-    errors = load(folder / "manifests").errors
-    return Outcome("invalid", errors[0].message, compose) if errors else Outcome("valid", "", compose)
+    loaded = load(folder / "manifests", engine="docker")
+    if loaded.catalog is None or loaded.errors:
+        return Outcome("invalid", loaded.errors[0].message, compose)
+    return Outcome(
+        "valid",
+        "",
+        compose,
+        len(loaded.catalog.services) - 1,
+        len([d for d in loaded.diagnostics if d.severity == "warning"]),
+    )
 
 
 def _imported(sample: Sample, folder: Path) -> tuple[Imported, str]:
@@ -158,13 +169,14 @@ COMPOSE: list[str] = []
 def main() -> int:
     """Prints the table. 1 if an outcome is not the expected one."""
     COMPOSE.extend(_compose())
-    counted, wrong = Counter[str](), 0
+    counted, wrong, services, warnings = Counter[str](), 0, 0, 0
     for sample in samples():
         with tempfile.TemporaryDirectory() as parent:
             folder = Path(parent) / sample.name
             folder.mkdir()
             sample.write(folder)
             found = outcome(sample, folder)
+        services, warnings = services + found.services, warnings + found.warnings
         counted[found.how] += 1
         counted[f"Compose: {found.compose.partition(':')[0]}"] += 1
         wrong += found.how != sample.expected
@@ -173,6 +185,7 @@ def main() -> int:
         print(f"{sample.name:34} {sample.words[0]:10} {found.how:8}{unexpected} {found.compose[:40]:5} {why[:110]}")
     total = sum(counted[how] for how in ("valid", "refused", "invalid"))
     print(f"\n{total} projects: {', '.join(f'{n} {how}' for how, n in sorted(counted.items()))}; {wrong} unexpected")
+    print(f"{warnings} warnings about {services} services: {warnings / services:.2f} a service")
     return 1 if wrong else 0
 
 
