@@ -8,11 +8,19 @@ from conftest import ROOT, free_port
 from robots import RealRobot
 from test_ros import NODES, services
 
+READER = """
+import pathlib, rospy
+from std_msgs.msg import String
+rospy.init_node("reader")
+text = rospy.wait_for_message("/rorg/notifications", String).data
+pathlib.Path("/told/notified.new").write_text(text)
+pathlib.Path("/told/notified.new").rename("/told/notified")
+"""
 PACKAGE = ROOT / "clients/ros1/rorg_ros"
 
 
 def test_requests_through_ros_live_as_long_as_their_caller(dockerd, ros_image, package, tmp_path):
-    master = f"http://localhost:{free_port()}"
+    master, port = f"http://localhost:{free_port()}", free_port()
     robot = RealRobot(tmp_path, "docker", dockerd.host, with_server=True)
     tree = services(ros_image, master, "camera", "arm")
     ros = {
@@ -31,7 +39,7 @@ def test_requests_through_ros_live_as_long_as_their_caller(dockerd, ros_image, p
     }
     tree["rorg_ros"] = {
         **ros,
-        "command": "/bridge/lib/rorg_ros/rorg_node.py",
+        "command": f"/bridge/lib/rorg_ros/rorg_node.py _notifications:={port}",
         "ready": {"ros_node": "/rorg"},
         "may_act_for": ["behaviour", "cpp", "impostor"],
     }
@@ -57,8 +65,17 @@ def test_requests_through_ros_live_as_long_as_their_caller(dockerd, ros_image, p
         "restart": "never",
         "may_request": ["camera"],
     }
+    tree["reader"] = {
+        **ros,
+        "command": ["python3", "-c", READER],
+        "needs": ["rorg_ros"],
+        "ready": {"ros_node": "/reader"},
+        "restart": "never",
+    }
+    target = {"name": "ros", "webhook": {"url": f"http://127.0.0.1:{port}/"}, "on": ["lost"]}
     try:
-        robot.declare(tree)
+        robot.declare(tree, policies={"robot": {"notify": [target]}})
+        robot.request("reader", id="read")
         robot.request("behaviour", id="run")
         robot.wait(lambda: (tmp_path / "told").exists(), 60)
         told = json.loads((tmp_path / "told").read_text())
@@ -80,6 +97,9 @@ def test_requests_through_ros_live_as_long_as_their_caller(dockerd, ros_image, p
         robot.release("steal")
         robot.kill("behaviour")
         robot.wait(lambda: {r.requester for r in robot.requests()} == {"developer"}, 5)
+        robot.wait(lambda: (tmp_path / "notified").exists(), 30)
+        told = json.loads((tmp_path / "notified").read_text())
+        assert (told["kind"], told["service"], told["cause"]) == ("lost", "camera", "restarted")
         robot.request("cpp", id="run")
         robot.wait(
             lambda: (

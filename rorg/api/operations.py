@@ -113,7 +113,7 @@ class Operations:
 
     def snapshot(self) -> dict[str, Any]:
         """The whole state in one answer, as StatusView."""
-        return snapshot(self.decision, {**self._loop.publisher.about, **self.about_tree()})
+        return snapshot(self.decision, {**self._loop.publisher.about(), **self.about_tree()})
 
     def about_tree(self) -> dict[str, Any]:
         """The state of the manifests and of the requests file, including their errors."""

@@ -151,6 +151,15 @@ class ObjectView(BaseModel):
     message: str = Field(description="What it waits for.")
 
 
+class NotifyView(BaseModel):
+    """A target of the Policy's `notify`."""
+
+    name: str
+    error: str = Field(description="Why the last notification did not reach it; empty when all is well.")
+    sent: int = Field(description="Notifications that reached it since rorg began, or since it was changed.")
+    lost: int = Field(description="Those that did not.")
+
+
 class StatusView(BaseModel):
     """The whole state in one answer."""
 
@@ -174,6 +183,7 @@ class StatusView(BaseModel):
     plan: PlanView
     runs: dict[str, RunView] = Field(description="By service.")
     objects: list[ObjectView] = Field(default=[], description="Networks and volumes: declared ones, and leftovers.")
+    notify: list[NotifyView] = Field(default=[], description="Targets that rorg notifies.")
     in_flight: dict[str, str] = Field(description="Service -> the engine call under way.")
     services: dict[str, ServiceView]
 
@@ -225,6 +235,7 @@ class EventView(BaseModel):
     seconds: float | None = Field(default=None, description="How long it took.")
     file: str | None = None
     crashes: int | None = None
+    revision: int | None = Field(default=None, description="Number of a revision of the manifests.")
     node: str | None = Field(default=None, description="Name of a ROS node.")
     bytes: int | None = Field(default=None, description="Memory that was given back.")
     measures: list[str] | None = Field(default=None, description="Measures against overload that are in force.")

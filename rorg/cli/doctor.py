@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,24 +18,26 @@ from rorg.cli.output import print_rows
 from rorg.cli.places import NAME, may_connect
 from rorg.errors import Exit, Refused, Unreachable
 from rorg.model.engines import capabilities_of
+from rorg.model.units import counted
 
 PATIENCE = 3.0
 """Longest time, in seconds, to wait for the running rorg."""
 
 if TYPE_CHECKING:
+    from rorg.core.doctor import Check
     from rorg.model.installation import Installation
 
 
 def command(context: RobotEngine, output: Output = "table") -> None:
     """Check the installation and say what to do: the engine, control groups, the state directory, the running rorg,
-    git, the clock, disks, and kernel limits. Exit 4 if something keeps rorg from working. For problems in
-    manifests, run `rorg validate --machine`.
+    git, the clock, disks, kernel limits, and the targets of notifications. Exit 4 if something keeps rorg from
+    working. For problems in manifests, run `rorg validate --machine`.
 
     Example: rorg doctor
     """
     from rorg.core.doctor import ERROR, examine
 
-    found = examine(_facts(context))
+    found = [*examine(_facts(context)), *_targets(context)]
     rows = [check.as_json() for check in found]
     print_rows(rows, output, ("check", "status", "message", "remedy"), below=("message", "remedy"))
     if any(check.status == ERROR for check in found):
@@ -68,6 +71,20 @@ def _facts(context: Context) -> Installation:
         open_files=host.open_files(),
         sysctls=machine.sysctls,
     )
+
+
+def _targets(context: Context) -> Iterator[Check]:
+    """Whether what the running rorg notifies receives it."""
+    from rorg.core.doctor import OK, WARNING, Check
+
+    for target in ((context.last() or {}).get("notify") or ()) if context.state.owner() else ():
+        name, error = f"notify {target['name']}", target["error"]
+        if error:
+            lost = counted(target["lost"], "notification")
+            message = f"cannot notify {target['name']}: {error}; {lost} did not reach it"
+            yield Check(name, WARNING, message, "to check its entry under `notify` in the Policy")
+        else:
+            yield Check(name, OK, f"{counted(target['sent'], 'notification')} sent")
 
 
 def _engine(context: Context) -> tuple[dict[str, Any], list[Path]]:

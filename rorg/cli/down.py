@@ -134,7 +134,14 @@ def _alone(context: Context, yes: bool, keep_requests: bool, volumes: bool, time
     rows = [*_rows(there), *_object_rows(_ours(context), volumes)]
     _consent(rows, len(context.document().requests), keep_requests, yes)
     context.change(down(keep_requests, volumes, "").edit)
-    loop = make_loop(context.root, context.state, context.engine(), lambda line: note(entry("  ", line)), context.robot)
+    loop = make_loop(
+        context.root,
+        context.state,
+        context.engine(),
+        lambda line: note(entry("  ", line)),
+        context.robot,
+        notifies=False,
+    )
     timer = threading.Timer(timeout, loop.stop)
     timer.daemon = True
     timer.start()

@@ -26,10 +26,13 @@ from rorg.model.catalog import Catalog, Request
 
 
 class Historian:
-    """`wall` gives ISO 8601 in UTC. What `masker` hides is not written."""
+    """`wall` gives ISO 8601 in UTC. What `masker` hides is not written. `failed` gets the number of a revision that
+    failed, and why."""
 
-    def __init__(self, database: Database, wall: Callable[[], str], masker: Masker) -> None:
-        self.wall, self.masker = wall, masker
+    def __init__(
+        self, database: Database, wall: Callable[[], str], masker: Masker, failed: Callable[[int, str], None]
+    ) -> None:
+        self.wall, self.masker, self.failed = wall, masker, failed
         self.revisions, self.runs, self.asked = Revisions(database), Runs(database), Asked(database)
         self.standing: Standing | None = None
         """The standing of the manifests in force, as of the last pass; None before it is known."""
@@ -110,7 +113,7 @@ class Historian:
         self.standing = found = standing(decision.situation, decision.plan, revision.standing == GOOD)
         if found.code != revision.standing:
             self._revision = replace(revision, standing=found.code, reason=found.reason)
-            self.revisions.settle(revision.number, found.code, self.masker.text(found.reason), self.wall())
+            self._settle(revision.number, found.code, found.reason)
 
     def _note_images(self, decision: Decision, number: int) -> None:
         """Record the images of containers that are as declared, as they appear."""
@@ -155,7 +158,12 @@ class Historian:
         }
         if failed:
             reason = "; ".join(f"{name}: {why}" for name, why in failed.items())
-            self.revisions.settle(last.number, FAILED, self.masker.text(reason), self.wall())
+            self._settle(last.number, FAILED, reason)
+
+    def _settle(self, number: int, code: str, reason: str) -> None:
+        self.revisions.settle(number, code, self.masker.text(reason), self.wall())
+        if code == FAILED:
+            self.failed(number, reason)
 
 
 def _of_commit(tree: Tree) -> dict[str, Any]:

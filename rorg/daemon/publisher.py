@@ -29,7 +29,7 @@ class Publisher:
         self,
         state: StateDir,
         clock: Callable[[], float],
-        about: Mapping[str, Any],
+        about: Callable[[], Mapping[str, Any]],
         tell: Callable[[str], None],
         masker: Masker,
     ) -> None:
@@ -45,7 +45,7 @@ class Publisher:
         self._snapshots.note(decision)
         if self._next is None:
             self._due = max(self.clock() + AFTER, self._due)
-        self._next = decision, {**self.about, **about_tree(tree, requests)}
+        self._next = decision, {**self.about(), **about_tree(tree, requests)}
 
     def due(self) -> float | None:
         """When the kept state must be published; None if there is none."""

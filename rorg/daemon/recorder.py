@@ -31,7 +31,9 @@ class Recorder:
         self.masker, self.say, self.wall = masker, say, wall
         self.history = Database(state.journal, wall)
         self.journal = Journal(self.history)
-        self.historian = Historian(self.history, wall, masker)
+        self.historian = Historian(self.history, wall, masker, self.revision_failed)
+        self.told: Callable[[str], None] = lambda _: None
+        """Called with the kind of each event, after it is in the journal."""
         self._said: dict[str, Any] = {}
         self._lock = threading.Lock()
 
@@ -47,6 +49,7 @@ class Recorder:
             self.tell(message)
             masker = self.masker.of(more.get("service"))
             self.journal.append(self.wall(), kind, masker.text(message), person, **masker.value(more))
+        self.told(kind)
 
     def tell(self, message: str) -> None:
         with contextlib.suppress(OSError, ValueError):  # our output is closed
@@ -69,6 +72,10 @@ class Recorder:
         """The next value of these keys is a first one again."""
         for key in keys:
             self._said.pop(key, None)
+
+    def revision_failed(self, number: int, why: str) -> None:
+        """A revision of the manifests has failed; what it changed runs as before."""
+        self.event("revision-failed", f"revision {number} of the manifests failed: {why}", revision=number)
 
     def purged(self, node: str) -> None:
         """A ROS node's registration was taken out of the master."""

@@ -14,6 +14,7 @@ from rorg.daemon.git_source import GitSource
 from rorg.daemon.image_manager import ImageManager
 from rorg.daemon.leases import Leases
 from rorg.daemon.loop import Loop, Thread
+from rorg.daemon.notifier import Notifier
 from rorg.daemon.publisher import Publisher
 from rorg.daemon.recorder import Recorder
 from rorg.daemon.ros_watch import RosWatch
@@ -52,10 +53,11 @@ def make_loop(
     say: Callable[[str], None],
     robot: str = "",
     source: GitSource | None = None,
+    notifies: bool = True,
 ) -> Loop:
     """Return a loop over the real clock, ready to run. The caller holds the lock of the state directory. `say` gets a
     line for each event. `robot` and `source`: see make_tree()."""
-    return loop_over(make_tree(root, state, engine.name, robot, source), state, engine, say)
+    return loop_over(make_tree(root, state, engine.name, robot, source), state, engine, say, notifies)
 
 
 def make_tree(root: Path, state: StateDir, engine: str, robot: str = "", source: GitSource | None = None) -> Tree:
@@ -72,8 +74,8 @@ def make_source(state: StateDir, followed: Followed, poll: float) -> GitSource:
     return GitSource(GitCache(state.git.resolve(), followed, threading.Event()), poll, wall_clock)
 
 
-def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], None]) -> Loop:
-    """The same over a tree that may have been read already."""
+def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], None], notifies: bool = False) -> Loop:
+    """The same over a tree that may have been read already. `notifies`: see _notifier()."""
     owner, clock = state.instance(), time.monotonic
     wakes = tree.source.wakes if tree.source else Wakes()
     recorder = Recorder(state, say, wall_clock, tree.masker)
@@ -88,6 +90,7 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
     watcher = Watcher(lambda: [*tree.folders(), state.path], wakes.files_changed, _own_files(state))
     images = _image_manager(engine, owner, state, recorder, wakes)
     maintenance = Maintenance(recorder.history, recorder.event, lambda: _retention(tree), time.time)
+    notifier = _notifier(tree, recorder, wakes, notifies)
     bringers, notified = _bringers(tree.source, images), Wakeup(state.path, wakes.requests_changed)
     return Loop(
         state=state,
@@ -102,15 +105,23 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
         workers=Workers(observer, recorder, wakes.wake_soon, running, usage.look, DispatchLimits().most),
         leases=Leases(state.requests, recorder),
         recorder=recorder,
-        publisher=Publisher(state, clock, about, recorder.tell, tree.masker),
+        publisher=Publisher(state, clock, lambda: {**about, "notify": notifier.view()}, recorder.tell, tree.masker),
         images=images,
         devices=devices,
         # By the time of day, so that numbers grow over a restart of rorg.
         generations=Generations(int(time.time() * 1000)),
         wakes=wakes,
-        threads=(maintenance, *bringers, prober, sampler, usage, ros, devices, watcher, notified, observer),
+        threads=(maintenance, *bringers, prober, sampler, usage, ros, devices, watcher, notified, notifier, observer),
         owner=owner,
     )
+
+
+def _notifier(tree: Tree, recorder: Recorder, wakes: Wakes, notifies: bool) -> Notifier:
+    """It tells the targets of the Policy if the loop `notifies`; not for a command whose user sees what happens, and
+    not for a robot that is only played."""
+    host = os.uname().nodename
+    targets = (lambda: tree.desired.catalog.policy.notify) if notifies else tuple
+    return Notifier(targets, lambda: tree.robot or host, recorder, wakes.wake)
 
 
 def _retention(tree: Tree) -> Retention:

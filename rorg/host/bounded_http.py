@@ -1,5 +1,5 @@
-"""Asks a program by TCP or HTTP, with bounds, because it may be anything: each question has one deadline from the
-look-up of the name to the last byte, and a limit of what is read. No redirects, no proxies."""
+"""Asks a program by TCP, HTTP or HTTPS, with bounds, because it may be anything: each question has one deadline from
+the look-up of the name to the last byte, and a limit of what is read. No redirects, no proxies."""
 
 from __future__ import annotations
 
@@ -7,9 +7,11 @@ import contextlib
 import errno
 import http.client
 import socket
+import ssl
 import threading
 from collections.abc import Iterator, Mapping
 from concurrent.futures import Future
+from functools import cache
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -23,11 +25,17 @@ waits for the same look-up."""
 _lock = threading.Lock()
 
 
+PORTS = {"http": 80, "https": 443}
+
+
 class Connection(socket.socket):
     """Every read and write ends with the deadline; reading more than `most` bytes in all raises OSError."""
 
     deadline: Deadline
     most: int
+
+    def bound(self, deadline: Deadline, most: int) -> None:
+        self.deadline, self.most = deadline, most
 
     def recv_into(self, buffer: Any, nbytes: int = 0, flags: int = 0) -> int:
         self.settimeout(self.deadline.left())
@@ -42,12 +50,32 @@ class Connection(socket.socket):
         super().sendall(data, flags)
 
 
+class Secured(Connection, ssl.SSLSocket):  # type: ignore[misc]  # typeshed names arguments differently
+    """The same by TLS."""
+
+
+def secured(connection: Connection, host: str) -> Secured:
+    """TLS over a connection, with a peer that proves to be this host. Raises OSError."""
+    connection.settimeout(connection.deadline.left())
+    found: Secured = _context().wrap_socket(connection, server_hostname=host)  # type: ignore[assignment]
+    found.bound(connection.deadline, connection.most)
+    return found
+
+
+@cache
+def _context() -> ssl.SSLContext:
+    """Trusts the authorities of this machine."""
+    context = ssl.create_default_context()
+    context.sslsocket_class = Secured
+    return context
+
+
 def connect(host: str, port: int, deadline: Deadline, most: int = HEAD) -> Connection:
     """A connection to the first address that accepts one. Raises OSError."""
     addresses, refused = _addresses(host, port, deadline), OSError(errno.EADDRNOTAVAIL, f"{host} has no address")
     for index, (family, kind, protocol, _, address) in enumerate(addresses):
         found = Connection(family, kind, protocol)
-        found.deadline, found.most = deadline, most
+        found.bound(deadline, most)
         try:
             found.settimeout(deadline.left() / (len(addresses) - index))
             found.connect(address)
@@ -62,33 +90,38 @@ def connect(host: str, port: int, deadline: Deadline, most: int = HEAD) -> Conne
 def answer(
     url: str, deadline: Deadline, most: int = HEAD, body: bytes | None = None, headers: Mapping[str, str] | None = None
 ) -> Iterator[http.client.HTTPResponse]:
-    """The answer of an http:// URL to a GET, or to a POST of `body`, after its head; read its body within the block.
-    Raises OSError for any failure, also for something that is not HTTP."""
-    host, port = place_of(url)
+    """The answer of an http:// or https:// URL to a GET, or to a POST of `body`, after its head; read its body within
+    the block. Raises OSError for any failure, also for something that is not HTTP."""
+    host, port = place_of(url, *PORTS)
     parts = urlsplit(url)
     asked = http.client.HTTPConnection(host, port)
     path = (parts.path or "/") + (f"?{parts.query}" if parts.query else "")
     try:
-        asked.sock = connect(host, port, deadline, most)
+        asked.sock = connection = connect(host, port, deadline, most)
+        if parts.scheme == "https":
+            asked.sock = secured(connection, host)
         asked.request("GET" if body is None else "POST", path, body, {"Connection": "close", **(headers or {})})
         with asked.getresponse() as found:
             yield found
+    except OSError:  # of TLS some are ValueErrors, too
+        raise
     except (http.client.HTTPException, ValueError) as error:
         raise OSError(f"{type(error).__name__}") from error
     finally:
         asked.close()
 
 
-def place_of(url: str, scheme: str = "http") -> tuple[str, int]:
-    """Host and port of a URL, by default 80. Raises OSError."""
+def place_of(url: str, *schemes: str) -> tuple[str, int]:
+    """Host and port of a URL with one of these schemes, by default http and its port. Raises OSError."""
+    schemes = schemes or ("http",)
     try:
         parts = urlsplit(url)
         host, port = parts.hostname, parts.port
     except ValueError:
         host, port, parts = None, None, None
-    if not parts or parts.scheme != scheme or not host:
-        raise OSError(errno.EINVAL, f"it is not at a {scheme}:// URL")
-    return host, port or 80
+    if not parts or parts.scheme not in schemes or not host:
+        raise OSError(errno.EINVAL, f"it is not at a {schemes[0]}:// URL")
+    return host, port or PORTS.get(parts.scheme, 80)
 
 
 def _addresses(host: str, port: int, deadline: Deadline) -> list[Any]:

@@ -165,7 +165,7 @@ UNTOLD = ("where", "origins", "fingerprint", "joins")
 """Fields that are not declared by the tree, or that follow from others."""
 LATER = (
     *("stand_ins", "cache_from", "inline", "networks", "volumes", "devices", "unplugged", "ros", "parts"),
-    *("purge_shm", "prewarm", "connected"),
+    *("purge_shm", "prewarm", "connected", "notify"),
 )
 """Fields that earlier versions did not have: a tree that does not use them keeps its fingerprint."""
 

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from rorg.manifest.fields import TEXTS, Written, field, unchanging
+from rorg.manifest.notify import Targets
 from rorg.manifest.option_forms import Duration, Interval, Memory, Name, Strict
 from rorg.manifest.probes import Interlock
 
@@ -201,6 +202,11 @@ class PolicySpec(Strict):
         "How changes are rolled out, for services that do not set it themselves.", {"when": "when_ceased", "bake": "1m"}
     )
     history: History | None = field("How much history is kept.", {"days": 90})
+    notify: Targets = field(
+        "Whom to notify of what goes wrong, by a command or a webhook.",
+        [{"name": "ntfy", "webhook": {"url": "https://ntfy.example.org/nora", "template": "{message}"}}],
+        list,
+    )
     removals: Literal["ask", "auto"] = field(
         "The action for a service that is no longer declared although a request, a need or a group names it: "
         "ask keeps it until a person confirms the removal; auto removes it.",

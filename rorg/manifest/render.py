@@ -15,7 +15,7 @@ from rorg.manifest.profiles import SHIPPED, Merged
 from rorg.manifest.rendered_container import container_of
 from rorg.model.catalog import Idle, Probe, Service, Updating
 from rorg.model.diagnostics import Diagnostic, Reading
-from rorg.model.policy import Budget, HistoryPolicy, ImagePolicy, Policy, Thresholds
+from rorg.model.policy import Budget, HistoryPolicy, ImagePolicy, NotifyTarget, Policy, Thresholds, Webhook
 from rorg.model.ros import without_master
 
 ROS_MASTER = "http://localhost:11311"
@@ -141,8 +141,21 @@ PARTS = {"budget": Budget, "pressure": Thresholds, "images": ImagePolicy, "histo
 
 def policy_of(spec: Any) -> Policy:
     """Converts the spec of a Policy."""
-    same = {f.name: getattr(spec, f.name) for f in fields(Policy) if f.name not in PARTS}
-    return Policy(**same, **{n: kind(**part.model_dump()) for n, kind in PARTS.items() if (part := getattr(spec, n))})
+    same = {f.name: getattr(spec, f.name) for f in fields(Policy) if f.name not in (*PARTS, "notify")}
+    parts = {n: kind(**part.model_dump()) for n, kind in PARTS.items() if (part := getattr(spec, n))}
+    return Policy(**same, **parts, notify=tuple(map(_target, spec.notify)))
+
+
+def _target(model: Any) -> NotifyTarget:
+    """Converts an entry of a Policy's `notify`."""
+    return NotifyTarget(
+        model.name,
+        tuple(model.on),
+        tuple(model.command or ()),
+        Webhook(**model.webhook.model_dump()) if model.webhook else None,
+        model.every,
+        model.timeout,
+    )
 
 
 def probe(model: Any, role: str, master: str = "") -> Probe | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +56,38 @@ class HistoryPolicy:
 
 
 @dataclass(frozen=True, slots=True)
+class Webhook:
+    """Where a notification is posted, and in which form."""
+
+    url: str | None = None
+    url_file: str | None = None
+    """A file with the URL; exactly one of both is given."""
+    headers_file: str | None = None
+    template: str | Mapping[str, Any] | None = None
+    """None: all fields as JSON."""
+
+
+@dataclass(frozen=True, slots=True)
+class NotifyTarget:
+    """Someone to notify: by a command or a webhook. `every` and `timeout` are in seconds."""
+
+    name: str
+    kinds: tuple[str, ...]
+    """Of NOTIFY_KINDS."""
+    command: tuple[str, ...] = ()
+    webhook: Webhook | None = None
+    every: float = 10.0
+    """At most one notification of a kind about a subject in this time."""
+    timeout: float = 10.0
+    """For one attempt."""
+
+
+NOTIFY_KINDS = ("lost", "quarantined", "failed", "pressure", "unplugged")
+NOTIFY_FIELDS = ("robot", "kind", "event", "service", "message", "cause", "at", "seq", "suppressed")
+"""The fields of a notification, as its JSON and the templates of webhooks name them."""
+
+
+@dataclass(frozen=True, slots=True)
 class Policy:
     """The Policy of the whole machine."""
 
@@ -72,3 +105,4 @@ class Policy:
     """ask or auto."""
     images: ImagePolicy = ImagePolicy()
     history: HistoryPolicy = HistoryPolicy()
+    notify: tuple[NotifyTarget, ...] = ()

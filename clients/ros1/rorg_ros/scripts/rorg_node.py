@@ -10,6 +10,7 @@ import rosgraph
 import rospy
 from rorg_ros.bridge import Bridge, Client, Connection, Error, Graph
 from rorg_ros.msg import ServiceStatus, Status
+from rorg_ros.notifications import serve
 from rorg_ros.srv import (
     GetManifest,
     GetManifestResponse,
@@ -26,6 +27,7 @@ from rorg_ros.srv import (
     RestartService,
     RestartServiceResponse,
 )
+from std_msgs.msg import String
 
 
 class Master(Graph):
@@ -176,6 +178,8 @@ def main() -> None:
     bridge = Bridge(Client(), Master(), others=rospy.get_param("~others", ""))
     offer(bridge)
     threading.Thread(target=publish, args=(Client(),), daemon=True).start()
+    if port := rospy.get_param("~notifications", 0):
+        serve(port, rospy.Publisher("~notifications", String, queue_size=10).publish)
     while not rospy.is_shutdown():
         try:
             for name in bridge.sweep():

@@ -17,8 +17,10 @@ from rorg_ros2_interfaces.srv import (
     RequestServices,
     RestartService,
 )
+from std_msgs.msg import String
 
 from rorg_ros2.bridge import Bridge, Client, Error, Graph
+from rorg_ros2.notifications import serve
 
 LEASE = 20
 """Seconds for which a caller may be missing in the graph: a paused participant leaves it after 10 to 20 s."""
@@ -69,6 +71,10 @@ class RorgNode(Node):
             ("remove_manifest", RemoveManifest, self.remove_manifest),
         ):
             self.create_service(kind, f"~/{name}", call, callback_group=group)
+        self.declare_parameter("notifications", 0)
+        if port := self.get_parameter("notifications").value:
+            notifications = self.create_publisher(String, "~/notifications", 10)
+            serve(port, lambda text: notifications.publish(String(data=text)))
         self.create_timer(0.2, self.publish)
         self.create_timer(0.5, self.sweep)
 

@@ -1,0 +1,1 @@
+../../../ros1/rorg_ros/src/rorg_ros/notifications.py
