@@ -11,6 +11,7 @@ from rorg.core.memory import Progress
 from rorg.core.schedule import denied_since, told_since
 from rorg.core.status import Status
 from rorg.model.catalog import Service
+from rorg.model.causes import causes
 from rorg.model.codes import BLOCKED, NO_IMAGE
 from rorg.model.graph import closure
 
@@ -68,9 +69,9 @@ class Readiness:
 
     @property
     def reason(self) -> str:
-        """Why the first service that is not ready is not."""
-        first = next((f"{n}: {r.reason}" for n, r in self.services.items() if not r.ready), "")
-        return self.suspended or first if first else ""
+        """Why the first service that is not ready is not, with the others of the same cause."""
+        found = causes((n, r.reason) for n, r in self.services.items() if not r.ready)
+        return self.suspended or str(found[0]) if found else ""
 
 
 def readiness(decision: Decision, found: Mapping[str, Status], question: Question) -> Readiness:

@@ -10,7 +10,7 @@ from rorg.cli.context import Context
 from rorg.cli.differences import Differences, differences, warn_of_other_tree
 from rorg.cli.options import Option, Output, Timeout, TreeDirectory, Yes
 from rorg.cli.output import consent, note, print_rows
-from rorg.cli.published import SETTLED, condition, hopeless, unready
+from rorg.cli.published import SETTLED, condition, failure, hopeless, unready
 from rorg.errors import NotReady, Refused
 from rorg.model.codes import IMAGE
 from rorg.model.units import stamp
@@ -192,7 +192,7 @@ def _unfinished(view: dict[str, Any], wait: bool) -> str:
     if failed:
         raise NotReady(
             "wait for the running rorg",
-            "; ".join(f"{n}: {why}" for n, why in failed.items()),
+            failure(failed),
             "`rorg describe SERVICE`",
         )
     if busy:

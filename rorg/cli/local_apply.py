@@ -14,6 +14,7 @@ from rorg.core.dispatch import DispatchLimits
 from rorg.daemon.snapshot import snapshot
 from rorg.daemon.tree import Tree
 from rorg.errors import NotReady
+from rorg.model.causes import causes
 from rorg.model.codes import BAKING
 from rorg.model.units import counted
 
@@ -31,8 +32,8 @@ def carry_out(context: Context, tree: Tree, first: Decision, wait: bool, timeout
     view = snapshot(last, {})
     failed = hopeless(view, view["services"])
     late = {**_late(view), **failed}
-    for name, why in late.items():
-        note(entry("", f"{name} is not ready: {why}"))
+    for cause in causes(late.items()):
+        note(entry("", f"{cause.who} {'is' if len(cause.names) == 1 else 'are'} not ready: {cause.why}"))
     baking = [w.service for w in last.plan.waitings if w.code == BAKING]
     if timed_out and baking and not late and _all_but_baked(last):
         note(entry("", f"not yet known to stay well: {', '.join(baking)}; the next rorg continues to check"))

@@ -17,7 +17,7 @@ from rorg.api.inputs import PutRequest, SuspendBody, read, request_of, seconds_o
 from rorg.cli.context import Context
 from rorg.cli.local import decision, glance
 from rorg.cli.places import nobody
-from rorg.cli.published import hopeless, unready
+from rorg.cli.published import failure, hopeless, unready
 from rorg.core.decide import Decision
 from rorg.core.status import statuses
 from rorg.daemon.snapshot import request_json
@@ -93,8 +93,7 @@ class Local:
             if self._asked and not any((r["requester"], r["id"]) == self._asked for r in view["requests"]):
                 return "the request has not been read yet"
             if failed := hopeless(view, closed):
-                told = "; ".join(f"{name}: {why}" for name, why in failed.items())
-                raise NotReady(f"wait for {what}", told, "`rorg why` for the reasons")
+                raise NotReady(f"wait for {what}", failure(failed), "`rorg why` for the reasons")
             return unready(view, closed)
 
         self.context.wait(what, done, timeout)

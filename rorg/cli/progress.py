@@ -11,7 +11,7 @@ from typing import Any
 
 from rorg_client import Client, Error
 
-from rorg.cli.published import unready
+from rorg.cli.published import late
 from rorg.cli.terminal import printable
 
 QUIET = 0.4
@@ -20,7 +20,7 @@ PAUSE = 1.0
 """Seconds between two looks: each takes time that rorg needs for what is waited for."""
 ANSWER = 2.0
 MOST = 8
-"""Services that are shown."""
+"""Causes that are shown."""
 
 
 class Progress:
@@ -75,7 +75,9 @@ class Progress:
 
 def waiting(view: dict[str, Any], names: list[str], seconds: float) -> list[str]:
     """The services that are not ready, of these names, and what they wait for."""
-    late = [text for name in names if (text := unready(view, [name]))]
-    more = [f"  and {len(late) - MOST} more"] if len(late) > MOST else []
-    head = f"{len(names) - len(late)} of {len(names)} ready, {seconds:.0f} s"
-    return [head, *(f"  {text}" for text in late[:MOST]), *more]
+    found = late(view, names)
+    count = sum(len(cause.names) for cause in found)
+    told = [view["suspended"]] if count and view.get("suspended") else list(map(str, found))
+    more = [f"  and {len(told) - MOST} more"] if len(told) > MOST else []
+    head = f"{len(names) - count} of {len(names)} ready, {seconds:.0f} s"
+    return [head, *(f"  {text}" for text in told[:MOST]), *more]

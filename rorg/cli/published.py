@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
+from rorg.model.causes import Cause, causes
 from rorg.model.codes import BLOCKED, NO_IMAGE
 
 SETTLED = 0.5
@@ -44,16 +45,30 @@ def hopeless(view: dict[str, Any], names: Iterable[str]) -> dict[str, str]:
     return found
 
 
+def failure(failed: Mapping[str, str]) -> str:
+    """What hopeless() found, each cause once."""
+    return "; ".join(map(str, causes(failed.items())))
+
+
 def unready(view: dict[str, Any], names: Iterable[str]) -> str:
-    """Why the first of these services that is not ready is not; empty if all are ready."""
-    for name in names:
-        service = view["services"].get(name)
-        if service is None:
-            return f"{name} is not declared yet"
-        if service["state"] != "meta" and not (service["wanted"] and is_ready(service)):
-            if view.get("suspended"):
-                return str(view["suspended"])
-            found = condition(service, "Ready")
-            waits = [w["reason"] for w in view["plan"]["waitings"] if w["service"] == name]
-            return f"{name}: {service['held'] or '; '.join(waits) or found['message'] or found['reason']}"
-    return ""
+    """Why the first of these services that is not ready is not, with the others of the same cause; empty if all are
+    ready."""
+    found = late(view, names)
+    return str(view.get("suspended") or found[0]) if found else ""
+
+
+def late(view: dict[str, Any], names: Iterable[str]) -> list[Cause]:
+    """Why services among these are not ready, each cause once."""
+    return causes((name, why) for name in names if (why := _missing(view, name)))
+
+
+def _missing(view: dict[str, Any], name: str) -> str:
+    """Why a service is not ready; empty if it is."""
+    service = view["services"].get(name)
+    if service is None:
+        return "not declared yet"
+    if service["state"] == "meta" or (service["wanted"] and is_ready(service)):
+        return ""
+    found = condition(service, "Ready")
+    waits = [w["reason"] for w in view["plan"]["waitings"] if w["service"] == name]
+    return str(service["held"] or "; ".join(waits) or found["message"] or found["reason"])

@@ -23,6 +23,7 @@ from rorg.images.order import Builder, Order, Result
 from rorg.images.references import references_for
 from rorg.images.supply import Supplier
 from rorg.model.catalog import Catalog, Request
+from rorg.model.causes import causes
 from rorg.store.requests_file import RequestsFile
 from rorg.store.state_dir import StateDir, read_json
 
@@ -114,7 +115,7 @@ class ThrowawayRobot:
             waits = view["plan"]["waitings"]
             self.meanwhile()
             time.sleep(LOOK)
-        why = "".join(f"; {one['service']}: {one['reason']}" for one in waits if isinstance(one, Mapping))
+        why = "".join(f"; {cause}" for cause in causes((one["service"], one["reason"]) for one in waits))
         raise NotReady(f"wait for {what}", f"it did not happen within {seconds:g} s{why}")
 
     def settle(self, what: str, seconds: float = 60.0) -> Mapping[str, Any]:
