@@ -39,6 +39,12 @@ def services(secret: str, seconds: str) -> dict:
     [
         ("environment.MAP", "lab", "***"),
         ("environment", {"MAP": "lab"}, "***"),
+        ("environment.PYTHONUNBUFFERED", "1", "1"),
+        ("environment.USE_SIM_TIME", "True", "True"),
+        ("environment.EMPTY", "", ""),
+        ("environment.PIN", "42", "***"),
+        ("environment.API_TOKEN", "1", "***"),
+        ("environment.PASSWORD", "", "***"),
         ("labels", {"map": "lab", "api_key": "x"}, {"map": "lab", "api_key": "***"}),
         ("command", "run --password=x --speed 2", "run --password=*** --speed 2"),
         ("command", "run --api-key 'x y' --speed 2", "run --api-key *** --speed 2"),

@@ -47,16 +47,21 @@ _RULES = (
     (re.compile(rf"((?:^|\s)--?{NAME}\s+){_VALUE}", re.IGNORECASE), rf"\1{MASK}"),
 )
 """Every pattern takes time linear in the text, because anyone can send long texts."""
+_PLAIN = re.compile(r"\d|true|false|yes|no|on|off|", re.IGNORECASE)
+"""Values of variables that can be no secret: switches such as PYTHONUNBUFFERED."""
 _ONE_VALUE = re.compile(rf"(\s*){_VALUE}")
 _NEXT_COMMAND = re.compile(r"[;|&\n]")
 
 
 def masked(field: str, value: Any) -> Any:
-    """Return the value of a declared field as it may be shown. Environment variables are shown by name only."""
+    """Return the value of a declared field as it may be shown. Environment variables are shown by name only, except
+    for values too plain to be a secret."""
     if value is None:
         return None
-    if field.partition(".")[0] == "environment" or is_secret_name(field):
+    if is_secret_name(field):
         return MASK
+    if field.partition(".")[0] == "environment":
+        return value if isinstance(value, str) and _PLAIN.fullmatch(value) else MASK
     if isinstance(value, str):
         return _text(value)
     if isinstance(value, dict):
