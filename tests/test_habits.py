@@ -126,8 +126,10 @@ def test_apply_says_that_it_does_not_wait_for_the_bake_or_does(rorg, robot):
 def test_what_it_said_before_the_current_run(dockerd, tmp_path):
     robot = RealRobot(tmp_path, "docker", dockerd.host, with_server=True)
     try:
-        says = "import time; time.sleep(0.5); print('run', time.time(), flush=True); time.sleep(1000)"
-        robot.declare({"base": {"always_on": True, "command": ["python3", "-S", "-c", says]}})
+        # A shell speaks within a millisecond, before the engine has noted the start.
+        sleeps = "exec python3 -S -c 'import time; time.sleep(1000)'"
+        says = f"read id < /proc/sys/kernel/random/uuid; echo run $id; {sleeps}"
+        robot.declare({"base": {"always_on": True, "command": ["sh", "-c", says]}})
         robot.wait(lambda: robot.active() == {"base"})
 
         def logs(*words: str) -> list[str]:

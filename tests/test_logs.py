@@ -10,13 +10,21 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from conftest import wait_for
 from robots import RealRobot
 
+from rorg.core.observed import Container
+from rorg.engines.log_lines import LogLine
+from rorg.engines.logs import Asked, Entries, gather
 from rorg.engines.process.log import PIECE, read_lines
+from rorg.engines.protocol import Engine
+from rorg.host.clock import process_start
+from rorg.model.engines import ENGINES
+from rorg.model.units import nano_stamp, stamp
 
 COUNTS = """
 import pathlib, signal, sys, time
@@ -257,3 +265,41 @@ def test_docker_gives_times_and_every_line_once(docker_robot, tmp_path):
     wait_for(lambda: followed.numbers("camera")[-1] > at + 20)
     each_line_once(followed)
     wait_for(lambda: not [t for t in threading.enumerate() if t.name == "logs"], what="the server's readers to end")
+
+
+class Keeping(Engine):
+    """An engine that has noted the start of a run 80 ms after the program began, and keeps these lines."""
+
+    name, local, address = "docker", True, ""
+    capabilities = ENGINES["docker"]
+
+    def __init__(self, lines: list[LogLine]) -> None:
+        self.lines = lines
+
+    def log_lines(self, container, tail, since, whole):
+        yield from self.lines
+
+
+def test_the_first_lines_of_the_current_run_are_not_of_the_previous_one():
+    """The engine notes a start after the first output of the program."""
+    with subprocess.Popen(["sleep", "60"]) as program:
+        try:
+            began = process_start(program.pid)
+            times = {"before": began - 0.2, "at once": began + 0.02, "later": began + 0.2}
+            lines = [LogLine(nano_stamp(int(t * 1e9)), text.encode(), "") for text, t in times.items()]
+            running = Container("c1", "base", "base", "running", started_at=stamp(began + 0.08), pid=program.pid)
+            ended = replace(running, state="exited", pid=0)
+            for container, expected in ((running, [b"before"]), (ended, [b"before", b"at once"])):
+                found = gather(Keeping(lines), lambda _, c=container: c, Asked(["base"], previous=True), lambda: None)
+                assert _texts(found) == expected
+        finally:
+            program.kill()
+
+
+def _texts(found: Entries) -> list[bytes]:
+    texts, over, until = [], False, time.monotonic() + 10
+    while not over and time.monotonic() < until:
+        entries, over = found.take()
+        texts += [entry.text for entry in entries]
+        time.sleep(0.001)
+    return texts

@@ -15,7 +15,8 @@ from rorg.core.observed import Container
 from rorg.engines.log_lines import LogLine, Reading
 from rorg.engines.protocol import Engine
 from rorg.errors import EngineError, Invalid, RorgError, Unreachable
-from rorg.model.units import stamp
+from rorg.host.clock import process_start
+from rorg.model.units import nano_stamp, parse_time
 
 HELD = 1000
 """Lines that are kept for a slow reader; then the threads that read the logs wait."""
@@ -141,20 +142,33 @@ def _past(engine: Engine, find: Find, asked: Asked) -> Iterator[Entry]:
 def _of_one(engine: Engine, name: str, container: Container | None, asked: Asked) -> Iterator[Entry]:
     if container is None:
         return
-    ends = [stamp(asked.until)] if asked.until is not None else []
-    end = min([*ends, container.started_at] if asked.previous else ends, default="")
-    tail = None if end else asked.tail
+    ends = [asked.until] if asked.until is not None else []
+    end = min([*ends, *([_began(container)] if asked.previous else [])], default=None)
+    tail = asked.tail if end is None else None
     try:
         lines = engine.log_lines(container.id, tail, asked.since, asked.follow)
-        yield from (_entry(name, container, line) for line in (_before(end, asked.tail, lines) if end else lines))
+        yield from (
+            _entry(name, container, line) for line in (lines if end is None else _before(end, asked.tail, lines))
+        )
     except EngineError as error:
         if error.kind != "gone":
             raise
 
 
-def _before(end: str, tail: int | None, lines: Iterable[LogLine]) -> Iterable[LogLine]:
-    """The last lines before a time (RFC 3339 in UTC), or all of them."""
-    found = takewhile(lambda line: line.time < end.removesuffix("Z"), lines)
+def _began(container: Container) -> float:
+    """When its current, or last, run began, in seconds since the epoch. The engine notes the start only after the first
+    output of the program; a process that runs on this machine knows better."""
+    noted = parse_time(container.started_at) if container.started_at else 0.0
+    try:
+        return min(noted, process_start(container.pid)) if container.pid else noted
+    except (OSError, IndexError, ValueError):
+        return noted
+
+
+def _before(end: float, tail: int | None, lines: Iterable[LogLine]) -> Iterable[LogLine]:
+    """The last lines before a time, or all of them."""
+    text = nano_stamp(int(end * 1e9))
+    found = takewhile(lambda line: line.time < text, lines)
     return found if tail is None else deque(found, maxlen=tail)
 
 
