@@ -62,6 +62,13 @@ def test_commands_that_wait_tell_it_once(tmp_path):
         assert done.stderr.count("/no/such/program") == 1
         assert re.search(r"\d+ services \(s\d\d, s", done.stderr)
         done = rorg("apply", str(robot.tree), "--yes", "--wait", "--timeout", "5s", *state, code=4)
+        lines = [line for line in robot.log() if ": failed: " in line or " is stalled: " in line]
+        full = [line for line in lines if "/no/such/program" in line]
+        first = full[0].split()[2]
+        assert all(line.startswith((f"> start {first} ", f"{first} is stalled")) for line in full), full
+        assert any(line.endswith(f"failed: same error as {first}") for line in lines), lines
+        entries = [e for e in robot.client().events(tail=500) if e["kind"] == "failed"]
+        assert all("/no/such/program" in e["message"] for e in entries), "the journal has it in full"
         after_the_plan = done.stderr.partition("carries it out")[2]
         # Those that are just tried again say it in other words.
         assert 1 <= after_the_plan.count("/no/such/program") <= 2, done.stderr

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import threading
+import time
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -14,6 +15,7 @@ from rorg.daemon.history import Historian
 from rorg.history.database import Database
 from rorg.history.journal import Journal
 from rorg.host.shared_memory import Removed
+from rorg.model.causes import common_cause
 from rorg.model.units import counted, format_memory
 from rorg.store.state_dir import StateDir
 
@@ -21,6 +23,12 @@ ALWAYS = ("tree", "requests", "engine")
 """Keys whose first value is an event, even if it is empty."""
 QUIET_AT_FIRST = ("engine", "pressure")
 """Keys whose first value is not worth a line of its own when the loop begins."""
+
+
+LONG = 60
+"""Characters of an error that is not repeated for each service in the lines for people."""
+LATELY = 60.0
+"""Seconds for which such a line may be referred to."""
 
 
 class Recorder:
@@ -34,6 +42,8 @@ class Recorder:
         self.historian = Historian(self.history, wall, masker, self.revision_failed)
         self.told: Callable[[str], None] = lambda _: None
         """Called with the kind of each event, after it is in the journal."""
+        self._errors: dict[str, tuple[str, float]] = {}
+        """Long error -> the service that told it first lately, and when it last did."""
         self._said: dict[str, Any] = {}
         self._lock = threading.Lock()
 
@@ -46,10 +56,22 @@ class Recorder:
     def event(self, kind: str, message: str, person: bool = False, **more: Any) -> None:
         """`person`: a person did it."""
         with self._lock:
-            self.tell(message)
+            self.tell(self._line(message, str(more.get("error") or ""), str(more.get("service") or "")))
             masker = self.masker.of(more.get("service"))
             self.journal.append(self.wall(), kind, masker.text(message), person, **masker.value(more))
         self.told(kind)
+
+    def _line(self, message: str, error: str, service: str) -> str:
+        """The line of an event for people: a long error that another service has just told is not repeated."""
+        if len(error) < LONG or not service:
+            return message
+        now, cause = time.monotonic(), common_cause(error)
+        self._errors = {known: told for known, told in self._errors.items() if now - told[1] < LATELY}
+        first, _ = self._errors.get(cause, (service, now))
+        if first == service:
+            self._errors[cause] = service, now
+            return message
+        return message.replace(error, f"same error as {first}")
 
     def tell(self, message: str) -> None:
         with contextlib.suppress(OSError, ValueError):  # our output is closed

@@ -164,7 +164,8 @@ class Reporter:
             if self.is_news(f"stalled {name}", step.stalled):
                 again = format_seconds(max(0.0, step.retry_at - self.clock()))
                 text = f"stalled: {step.error}; next try in {again}" if step.stalled else "no longer stalled"
-                self.event("stalled" if step.stalled else "recovered", f"{name} is {text}", service=name)
+                more = {"service": name, **({"error": step.error} if step.stalled else {})}
+                self.event("stalled" if step.stalled else "recovered", f"{name} is {text}", False, **more)
             if self.is_news(f"update {name}", failed) and failed:
                 back = f"back to the previous container, until it is changed again, or `rorg retry {name}`"
                 text = f"the change of {name} failed: {failed}; {back}"

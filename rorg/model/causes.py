@@ -42,7 +42,7 @@ def causes(reasons: Iterable[tuple[str, str]]) -> list[Cause]:
     what is the container's own."""
     found: dict[str, list[tuple[str, str]]] = {}
     for name, why in reasons:
-        found.setdefault(_common(why), []).append((name, why))
+        found.setdefault(common_cause(why), []).append((name, why))
     return [_cause(common, members) for common, members in found.items()]
 
 
@@ -51,7 +51,8 @@ def _cause(common: str, members: list[tuple[str, str]]) -> Cause:
     return Cause(tuple(dict.fromkeys(name for name, _ in members)), common if len(whys) > 1 else members[0][1])
 
 
-def _common(why: str) -> str:
+def common_cause(why: str) -> str:
+    """Return a reason without what is the container's own."""
     for pattern, put in _OWN:
         why = pattern.sub(put, why)
     return why
