@@ -101,8 +101,8 @@ def _fetch(context: Context) -> None:
     git = ((context.live() or {}).get("tree") or {}).get("git") or {}
     if client is None or not git.get("followed"):
         return
-    found = client.call("POST", "/v1/fetch")
-    told = f"{found['repository']}: {found['error'] or 'is at ' + (found['commit'][:10] or 'nothing yet')}"
+    answer = client.call("POST", "/v1/fetch")
+    told = f"{answer['repository']}: {answer['error'] or 'is at ' + (answer['commit'][:10] or 'nothing yet')}"
     note(told)
 
 

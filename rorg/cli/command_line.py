@@ -27,13 +27,13 @@ def read(
     """The values of a command's parameters, by their names. Raises Invalid."""
     words, after = parted(declared, words)
     texts, rest = _split(name, declared, words)
-    found = {**_arguments(name, declared, rest), **after}
+    values = {**_arguments(name, declared, rest), **after}
     if missing := [taker for taker, taken in after.items() if not taken]:
         raise misread(name, f"{missing[0].upper()} is missing after --")
     for parameter in declared:
         if isinstance(parameter.declared, Option):
-            found[parameter.name] = _option(name, parameter, texts.get(parameter.name, []), environment)
-    return found
+            values[parameter.name] = _option(name, parameter, texts.get(parameter.name, []), environment)
+    return values
 
 
 def _split(name: str, declared: Sequence[Parameter], words: Sequence[str]) -> tuple[dict[str, list[str]], list[str]]:
@@ -50,26 +50,26 @@ def _split(name: str, declared: Sequence[Parameter], words: Sequence[str]) -> tu
             rest.append(word)
             continue
         option, equals, text = word.partition("=") if word.startswith("--") else (word[:2], "", word[2:])
-        found = options.get(option)
-        if found is None:
+        parameter = options.get(option)
+        if parameter is None:
             raise unknown_option(name, option, declared)
-        if found.flag and equals:
+        if parameter.flag and equals:
             raise misread(name, f"{option} takes no value")
-        if found.flag:
+        if parameter.flag:
             left[:0] = ["-" + text] if text else []  # flags together
             text = ""
-        elif isinstance(found.declared, Option) and found.declared.bare and not equals:
-            text = found.declared.bare
+        elif isinstance(parameter.declared, Option) and parameter.declared.bare and not equals:
+            text = parameter.declared.bare
         elif not (equals or text):
             if not left:
                 raise misread(name, f"{option} needs a value")
             text = left.pop(0)
-        texts.setdefault(found.name, []).append(text)
+        texts.setdefault(parameter.name, []).append(text)
     return texts, rest
 
 
 def _arguments(name: str, declared: Sequence[Parameter], words: list[str]) -> dict[str, Any]:
-    found: dict[str, Any] = {}
+    arguments: dict[str, Any] = {}
     for parameter in declared:
         if not isinstance(parameter.declared, Argument) or parameter.rest:
             continue
@@ -77,10 +77,10 @@ def _arguments(name: str, declared: Sequence[Parameter], words: list[str]) -> di
         if parameter.required and not taken:
             raise misread(name, f"{parameter.name.upper()} is missing")
         values = [_value(name, parameter, parameter.name.upper(), text) for text in taken]
-        found[parameter.name] = (values if parameter.many else values[0]) if taken else parameter.default
+        arguments[parameter.name] = (values if parameter.many else values[0]) if taken else parameter.default
     if words:
         raise misread(name, f"'{words[0]}' is one word too many")
-    return found
+    return arguments
 
 
 def _option(name: str, parameter: Parameter, texts: list[str], environment: Mapping[str, str]) -> Any:

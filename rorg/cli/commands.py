@@ -76,5 +76,5 @@ def command_of(name: str) -> Callable[..., Any]:
 
     module = (name if name in VARIANTS else ALIASES.get(name, name)).replace("-", "_")
     module += "_" * iskeyword(module)
-    found: Callable[..., Any] = import_module(f"rorg.cli.{module}").command
-    return found
+    command: Callable[..., Any] = import_module(f"rorg.cli.{module}").command
+    return command

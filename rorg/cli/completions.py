@@ -48,23 +48,23 @@ def answer(shell: str, words: Sequence[str]) -> str:
             return ""
         prefix, offered = after(parameters(command_of(words[0])), words[1:])
     begun = begun[len(prefix) :]
-    found = {(prefix + word)[cut:]: about for word, about in offered.items() if word.startswith(begun)}
-    found |= {word: about for word, about in offered.items() if word in (FILES, DIRECTORIES)}
-    return "\n".join(_line(shell, word, about) for word, about in found.items() if word.isprintable())
+    completions = {(prefix + word)[cut:]: about for word, about in offered.items() if word.startswith(begun)}
+    completions |= {word: about for word, about in offered.items() if word in (FILES, DIRECTORIES)}
+    return "\n".join(_line(shell, word, about) for word, about in completions.items() if word.isprintable())
 
 
 def _joined(words: Sequence[str]) -> list[str]:
     """The words as typed: bash splits --output=json into three words, and base:1.2 too."""
-    found: list[str] = []
+    whole_words: list[str] = []
     glue = False
     for word in words:
-        sign = bool(found) and (word == ":" or (word == "=" and found[-1].startswith("--")))
+        sign = bool(whole_words) and (word == ":" or (word == "=" and whole_words[-1].startswith("--")))
         if sign or glue:
-            found[-1] += word
+            whole_words[-1] += word
         else:
-            found.append(word)
+            whole_words.append(word)
         glue = sign
-    return found or [""]
+    return whole_words or [""]
 
 
 def _line(shell: str, word: str, about: str) -> str:
@@ -100,12 +100,12 @@ def _given(options: dict[str, Parameter], words: Sequence[str]) -> Given:
     awaited: Parameter | None = None
     for word in words:
         name, equals, value = word.partition("=")
-        found = options.get(name)
+        option = options.get(name)
         if awaited:
             given.options[awaited.name], awaited = word, None
-        elif found:
-            given.options[found.name] = value
-            awaited = found if found.takes_next and not equals else None
+        elif option:
+            given.options[option.name] = value
+            awaited = option if option.takes_next and not equals else None
         elif not word.startswith("-"):
             given.arguments.append(word)
     return given._replace(awaited=awaited)
@@ -154,12 +154,12 @@ def _glanced(context: Context, kind: str) -> list[str]:
 
 def declared(root: Path, kinds: Sequence[str]) -> list[str]:
     """Names in the manifests, by a quick look: a shell should not wait until they are loaded."""
-    found = ["developer"] if "service" in kinds else []
+    names = ["developer"] if "service" in kinds else []
     for path in sorted((*root.glob("*.yaml"), *(p for k in kinds for p in root.glob(f"{KINDS[k][0]}/*.yaml")))):
         with path.open(encoding="utf-8", errors="replace") as file:
             text = file.read(MOST)
         for part in SEPARATOR.split(text):
             kind, name = KIND.search(part), NAME.search(part)
             if kind and name and kind[1].lower() in kinds:
-                found.append(name[1])
-    return found
+                names.append(name[1])
+    return names

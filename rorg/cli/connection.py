@@ -54,8 +54,8 @@ class Connection:
             return self._published_before(error)
         if client:
             try:
-                found: dict[str, Any] = client.call("GET", f"/v1/status?settled={settled:g}")
-                return found
+                status: dict[str, Any] = client.call("GET", f"/v1/status?settled={settled:g}")
+                return status
             except ClientError:
                 if self.remote:
                     raise
@@ -75,19 +75,19 @@ class Connection:
 
     def _published_before(self, error: Unreachable) -> dict[str, Any]:
         """The last publication of a running rorg that does not answer. Raises the error if it published nothing."""
-        found = self.published()
-        if found is None:
+        publication = self.published()
+        if publication is None:
             raise error
         at = time.strftime("%H:%M:%S", time.gmtime(os.stat(self.state.status).st_mtime))
         self.notices.say(f"{error.why}; this is what it published at {at} UTC{advice(error.remedy)}")
-        return found
+        return publication
 
     def last_text(self, *keys: str) -> str:
         """A text of what an rorg published last; empty if it has none."""
-        found: Any = self.last()
+        value: Any = self.last()
         for key in keys:
-            found = found.get(key) if isinstance(found, dict) else None
-        return found if isinstance(found, str) else ""
+            value = value.get(key) if isinstance(value, dict) else None
+        return value if isinstance(value, str) else ""
 
     def client(self) -> Client | None:
         """A client of the rorg at a socket or an address, or of the one that runs on this state directory; None if none
@@ -122,10 +122,10 @@ class Connection:
 
     def serving(self, what: str) -> Client:
         """The same; raises Unreachable if none serves."""
-        found = self.client()
-        if found is None:
+        client = self.client()
+        if client is None:
             raise nobody(what, self.state)
-        return found
+        return client
 
     def wait(self, what: str, done: Callable[[dict[str, Any]], str], timeout: float) -> None:
         """Looks at the running rorg's status until `done` returns an empty text rather than what is missing. Raises
@@ -166,7 +166,7 @@ def handshake(client: Client) -> dict[str, Any]:
         connection = Socket(client.address, ANSWER)
         connection.send(asking("GET", "/v1/engine", None, {}), ANSWER)
         answer = connection.drive(reading())
-        found = json.loads(answer.body) if answer.status == 200 else {}
+        engine = json.loads(answer.body) if answer.status == 200 else {}
     except TimeoutError as error:
         raise _silent(str(client.address), connection.socket if connection else None) from error
     except (OSError, ValueError):
@@ -174,7 +174,7 @@ def handshake(client: Client) -> dict[str, Any]:
     finally:
         if connection:
             connection.close()
-    return found if isinstance(found, dict) else {}
+    return engine if isinstance(engine, dict) else {}
 
 
 def _silent(where: str, connection: socket.socket | None) -> Unreachable:

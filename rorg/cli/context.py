@@ -76,9 +76,9 @@ class Context(Connection):
         """Masks the secrets of all manifests that were read in everything that is shown."""
         from rorg.core.masking import Masker
 
-        found = Masker()
-        hide(found)
-        return found
+        masker = Masker()
+        hide(masker)
+        return masker
 
     def catalog(self) -> Catalog:
         if not self._local:
@@ -119,8 +119,8 @@ class Context(Connection):
         client = None if self.directory else self.client()
         if client is None:
             return here()
-        found: T = client.call("GET", path)
-        return found
+        answer: T = client.call("GET", path)
+        return answer
 
     def groups(self) -> list[dict[str, Any]]:
         """All groups, as the API shows them."""
@@ -172,14 +172,14 @@ class Context(Connection):
 
     def view(self) -> dict[str, Any]:
         """The status that the running rorg publishes; computed in the same way if none runs."""
-        found = self.live()
-        if not found:
+        status = self.live()
+        if not status:
             self.here("compute how it is")
             from rorg.cli.local import view
 
-            found = view(self)
-        self.notices.of(found, bool(self.silence))
-        return found
+            status = view(self)
+        self.notices.of(status, bool(self.silence))
+        return status
 
 
 def bad_requests(path: Path, told: str) -> Invalid:

@@ -22,18 +22,18 @@ def command(context: RobotEngine, service: ServiceName, output: Output = "table"
     context.view()  # for its notices, such as refused manifests
     client = context.client()
     if client:
-        found: list[dict[str, Any]] = client.do(calls.description(service))
+        descriptions: list[dict[str, Any]] = client.do(calls.description(service))
     else:
-        found = _here(context, service)
+        descriptions = _here(context, service)
     if output in ("json", "yaml"):
-        dump(found[0] if len(found) == 1 else found, output)
+        dump(descriptions[0] if len(descriptions) == 1 else descriptions, output)
         return
     if output == "name":
-        echo("\n".join(printable(entry["name"]) for entry in found))
+        echo("\n".join(printable(entry["name"]) for entry in descriptions))
         return
     import yaml
 
-    for entry in found:
+    for entry in descriptions:
         echo(yaml.safe_dump(entry, sort_keys=False, width=120), end="")
 
 
@@ -47,5 +47,5 @@ def _here(context: Context, service: str) -> list[dict[str, Any]]:
     local = Local(context)
     with reading(context.state.journal) as database:
         described = describe(local.looked, service, Journal(database), context.engine)
-    found: list[dict[str, Any]] = json.loads(context.masker.json(json.dumps(described)))
-    return found
+    descriptions: list[dict[str, Any]] = json.loads(context.masker.json(json.dumps(described)))
+    return descriptions

@@ -45,7 +45,7 @@ NAME = re.compile(r"[a-zA-Z0-9][a-zA-Z0-9_.-]+")
 """The names that the engine takes for containers."""
 
 
-def rows(found: Sequence[DevContainer]) -> list[dict[str, Any]]:
+def rows(containers: Sequence[DevContainer]) -> list[dict[str, Any]]:
     """Rows for a listing."""
     return [
         {
@@ -57,7 +57,7 @@ def rows(found: Sequence[DevContainer]) -> list[dict[str, Any]]:
             "extras": ",".join(c.extras),
             "id": c.id,
         }
-        for c in found
+        for c in containers
     ]
 
 
@@ -109,11 +109,11 @@ def _meant(context: Context, catalog: Catalog, name: str, what: str) -> tuple[st
 
 def _plugged(what: str, service: Service, spec: Spec) -> Spec:
     """Its container, with the current nodes of its devices. Raises Invalid for an unplugged one."""
-    found = look(service.devices)
-    for device, now in found.items():
+    devices = look(service.devices)
+    for device, now in devices.items():
         if now.problem:
             raise Invalid(what, f"{device} {now.problem}", "to plug it in")
-    return given(spec, service, found)
+    return given(spec, service, devices)
 
 
 def _workspace(given: Path | None) -> str:
@@ -135,12 +135,12 @@ def _display(what: str, person: Person) -> dict[str, str]:
     return {"DISPLAY": os.environ["DISPLAY"], **{k: path for k, path in files.items() if os.path.exists(path)}}
 
 
-def _named(found: DevContainer, of: str | None, called: str) -> bool:
+def _named(container: DevContainer, of: str | None, called: str) -> bool:
     """Whether a command line means it: by its service or image, by its name, or because it names nothing."""
     if of is None:
-        return called in ("", found.name)
-    same = of in (found.of, found.of.removeprefix("image/"))
-    return found.name == of or (same and found.name == (called or name_for(found.of)))
+        return called in ("", container.name)
+    same = of in (container.of, container.of.removeprefix("image/"))
+    return container.name == of or (same and container.name == (called or name_for(container.of)))
 
 
 class Developing:
@@ -160,14 +160,14 @@ class Developing:
     def stop(self, name: str | None, called: str) -> None:
         """Stops and removes the container that the same command line would enter, or all if it names none."""
         of = name and name.removeprefix("service/")
-        found = [c for c in self.containers.list() if _named(c, of, called)]
-        for container in found:
+        containers = [c for c in self.containers.list() if _named(c, of, called)]
+        for container in containers:
             note(
                 f"{container.name} of {container.of} ({container.state}, {container.workspace}) is stopped and removed"
             )
-        for container in found:
+        for container in containers:
             self.containers.remove(container)
-        if not found:
+        if not containers:
             note(f"nothing to stop: no dev container{f' of {of}' if of else ''}")
 
     def enter(self, wish: Wish, command: Sequence[str], fresh: bool, yes: bool) -> int:
@@ -178,22 +178,21 @@ class Developing:
         with self.context.state.usable():
             make_directory(homes, 0o755)
         with self.context.state.usable(), locked(homes / "lock"):  # two commands that start together make one container
-            found = next((c for c in self.containers.list() if c.name == wish.name), None)
-            if found is not None:
-                self._check(wish, found)
-            if found is None or fresh:
-                found = self._make(wish, found)
+            container = next((c for c in self.containers.list() if c.name == wish.name), None)
+            if container is not None:
+                self._check(wish, container)
+            if container is None or fresh:
+                container = self._make(wish, container)
             else:
-                self._tell_drift(wish, found)
-                self.containers.start(found)
-        inside = within(wish.developer.workspace, found.workspace)
-        folder = wish.developer.workspace if inside else found.workspace
+                self._tell_drift(wish, container)
+                self.containers.start(container)
+        inside = within(wish.developer.workspace, container.workspace)
+        folder = wish.developer.workspace if inside else container.workspace
         terminal = os.isatty(0) and os.isatty(1)
-        code = self.containers.run(found, command or BASH_OR_SH, terminal, folder)
+        code = self.containers.run(container, command or BASH_OR_SH, terminal, folder)
         if code == NO_PROGRAM and command:
-            note(
-                f"rorg: {command[0]} in {found.name} gave 127: no such program; try `rorg dev {wish.of}` to look around"
-            )
+            remedy = f"try `rorg dev {wish.of}` to look around"
+            note(f"rorg: {command[0]} in {container.name} gave 127: no such program; {remedy}")
         return code
 
     def _consent(self, wish: Wish, yes: bool) -> None:
@@ -205,19 +204,19 @@ class Developing:
             why = f"{service.name} runs, and may not share what it drives (`rorg hold {service.name} --for 1h` ends it)"
             consent(wish.what, f"{why}. Go on?", f"{why}; it needs confirmation")
 
-    def _check(self, wish: Wish, found: DevContainer) -> None:
+    def _check(self, wish: Wish, container: DevContainer) -> None:
         """Raises Refused for a container of another user, service or image."""
-        for theirs, ours_ in ((found.of, wish.of), (f"user {found.user}", f"user {wish.developer.user}")):
+        for theirs, ours_ in ((container.of, wish.of), (f"user {container.user}", f"user {wish.developer.user}")):
             if theirs != ours_:
-                raise Refused(wish.what, f"{found.name} belongs to {theirs}, not to {ours_}", "--name NAME")
+                raise Refused(wish.what, f"{container.name} belongs to {theirs}, not to {ours_}", "--name NAME")
 
-    def _tell_drift(self, wish: Wish, found: DevContainer) -> None:
+    def _tell_drift(self, wish: Wish, container: DevContainer) -> None:
         image = self.containers.image(wish.spec["image"])
-        why = drift(found, wish.spec, image, wish.developer.workspace, wish.developer.extras)
+        why = drift(container, wish.spec, image, wish.developer.workspace, wish.developer.extras)
         if why:
             named = ["--name", wish.name] if wish.name != name_for(wish.of) else []
             line = ["rorg dev", wish.of, *named, *(f"--{extra}" for extra in wish.developer.extras), "--fresh"]
-            note(f"{found.name}: {'; '.join(why)}; `{' '.join(line)}` renews it")
+            note(f"{container.name}: {'; '.join(why)}; `{' '.join(line)}` renews it")
 
     def _make(self, wish: Wish, before: DevContainer | None) -> DevContainer:
         """Makes a new container in place of the previous one. Raises EngineError; then the previous one is
@@ -265,9 +264,9 @@ class Developing:
             self.context.state.prepare()
             self._make_home(wish)
             spec = dev_spec(self._there(wish.spec), wish.name, wish.developer)
-            found, left = document(wish.name, wish.of, spec)
+            configuration, left = document(wish.name, wish.of, spec)
             if not path.parent.is_dir():
                 path.parent.mkdir()
                 os.chown(path.parent, person.uid, person.gid)
-            write_atomic(path, json.dumps(found, indent=2) + "\n", mode=0o644, owner=(person.uid, person.gid))
+            write_atomic(path, json.dumps(configuration, indent=2) + "\n", mode=0o644, owner=(person.uid, person.gid))
         note(f"{path} is written" + (f"; it cannot express {', '.join(left)}" if left else ""))

@@ -58,22 +58,22 @@ def command(
     context = Context(state_dir, engine, directory, local=True)
     if ".." in rev:
         return _between(context, rev, service, unified, output)
-    found = differences(context, unified, rev)
-    warn_of_other_tree(context, found)
-    for warning in found.warnings:
+    comparison = differences(context, unified, rev)
+    warn_of_other_tree(context, comparison)
+    for warning in comparison.warnings:
         note(line(warning))
     if service:
-        found = _only(found, service)
+        comparison = _only(comparison, service)
     if output in ("json", "yaml"):
-        dump(_full(found, unified), output)
+        dump(_full(comparison, unified), output)
     elif output == "name":
-        for entry in found.services:
+        for entry in comparison.services:
             echo(printable(entry["service"]))
     elif unified:
-        echo("".join(found.unified.values()), end="")
+        echo("".join(comparison.unified.values()), end="")
     else:
-        echo(found.text if output == "wide" else found.overview(), end="")
-    sys.exit(int(Exit.OK if found.empty else Exit.DIFFERENCES))
+        echo(comparison.text if output == "wide" else comparison.overview(), end="")
+    sys.exit(int(Exit.OK if comparison.empty else Exit.DIFFERENCES))
 
 
 def _between(context: Context, rev: str, service: str, unified: bool, output: str) -> None:
@@ -87,29 +87,29 @@ def _between(context: Context, rev: str, service: str, unified: bool, output: st
     before, _, after = rev.partition("..")
     tree = tree_of(context)
     old, new = (past_of(context, tree, name or "HEAD") for name in (before, after))
-    found = [
+    changes = [
         c for c in manifest_changes(old.desired, new.desired) if not service or (c.kind, c.name) == ("Service", service)
     ]
-    rows = [{**c.as_json(), "change": c.verb, "fields": "; ".join(map(str, c.changes))} for c in found]
-    full = {"from": old.commit, "to": new.commit, "changes": [c.as_json() for c in found]}
+    rows = [{**c.as_json(), "change": c.verb, "fields": "; ".join(map(str, c.changes))} for c in changes]
+    full = {"from": old.commit, "to": new.commit, "changes": [c.as_json() for c in changes]}
     columns = ("name", "kind", "change", "fields")
-    print_rows(rows, output, columns, full=full, below=("fields",), text=None if found else "No differences.")
-    sys.exit(int(Exit.DIFFERENCES if found else Exit.OK))
+    print_rows(rows, output, columns, full=full, below=("fields",), text=None if changes else "No differences.")
+    sys.exit(int(Exit.DIFFERENCES if changes else Exit.OK))
 
 
-def _only(found: Differences, name: str) -> Differences:
-    services = [s for s in found.services if s["service"] == name]
-    actions, waitings = ([a for a in found.plan[kind] if a["service"] == name] for kind in ("actions", "waitings"))
+def _only(comparison: Differences, name: str) -> Differences:
+    services = [s for s in comparison.services if s["service"] == name]
+    actions, waitings = ([a for a in comparison.plan[kind] if a["service"] == name] for kind in ("actions", "waitings"))
     summary = "" if services else f"No differences of {name}."
-    return found._replace(
+    return comparison._replace(
         services=services,
-        unified={n: text for n, text in found.unified.items() if n == name},
-        plan={**found.plan, "actions": actions, "waitings": waitings, "summary": summary},
+        unified={n: text for n, text in comparison.unified.items() if n == name},
+        plan={**comparison.plan, "actions": actions, "waitings": waitings, "summary": summary},
         empty=not services,
     )
 
 
-def _full(found: Differences, unified: bool) -> dict[str, Any]:
+def _full(comparison: Differences, unified: bool) -> dict[str, Any]:
     """The plan for programs."""
-    services = [{k: v for k, v in s.items() if k != "line"} for s in found.services]
-    return {**found.plan, "services": services, **({"unified": found.unified} if unified else {})}
+    services = [{k: v for k, v in s.items() if k != "line"} for s in comparison.services]
+    return {**comparison.plan, "services": services, **({"unified": comparison.unified} if unified else {})}

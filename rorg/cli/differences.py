@@ -59,45 +59,45 @@ class Differences(NamedTuple):
 def differences(context: Context, unified: bool = False, rev: str = "") -> Differences:
     """The actions that rorg would take for the tree as it is, or as it was at `rev` of its repository's history. Raises
     Invalid if the tree has errors, and Unreachable."""
-    found = _told(context, unified, rev)
-    if found is None:
+    answer = _told(context, unified, rev)
+    if answer is None:
         return _computed(context, unified, rev)
-    if found["errors"]:
+    if answer["errors"]:
         raise Invalid(
-            f"use the manifests in {found['root']}",
-            counted(len(found["errors"]), "error") + "\n" + "\n".join(line(d) for d in found["errors"]) + "\n",
+            f"use the manifests in {answer['root']}",
+            counted(len(answer["errors"]), "error") + "\n" + "\n".join(line(d) for d in answer["errors"]) + "\n",
             "to fix them, then `rorg validate`",
         )
-    if found["requests_errors"]:
-        raise bad_requests(context.state.requests, found["requests_errors"][0])
-    return _of(found, Path(found["root"]), told=True)
+    if answer["requests_errors"]:
+        raise bad_requests(context.state.requests, answer["requests_errors"][0])
+    return _of(answer, Path(answer["root"]), told=True)
 
 
-def _of(found: dict[str, Any], root: Path, told: bool) -> Differences:
-    forms = {name: found[name] for name in ("text", "services", "unified", "plan", "empty", "suspended")}
+def _of(answer: dict[str, Any], root: Path, told: bool) -> Differences:
+    forms = {name: answer[name] for name in ("text", "services", "unified", "plan", "empty", "suspended")}
     return Differences(
         **forms,
         root=root,
-        withheld=found["withheld"],
-        probed=found["probed"],
-        fingerprint=found["fingerprint"],
+        withheld=answer["withheld"],
+        probed=answer["probed"],
+        fingerprint=answer["fingerprint"],
         told=told,
-        commit=found.get("commit", ""),
-        warnings=tuple(found.get("warnings", ())),
+        commit=answer.get("commit", ""),
+        warnings=tuple(answer.get("warnings", ())),
     )
 
 
-def warn_of_other_tree(context: Context, found: Differences) -> None:
+def warn_of_other_tree(context: Context, comparison: Differences) -> None:
     """Notes if the compared manifests may not be the ones that the user thinks of."""
     here = Path("manifests")
-    if found.told:
-        if not (context.remote or context.directory) and here.is_dir() and here.resolve() != found.root:
-            note(f"the running rorg follows {found.root}; {here.resolve()} is not looked at")
+    if comparison.told:
+        if not (context.remote or context.directory) and here.is_dir() and here.resolve() != comparison.root:
+            note(f"the running rorg follows {comparison.root}; {here.resolve()} is not looked at")
         return
     last = ((context.last() or {}).get("tree") or {}).get("root")
-    if isinstance(last, str) and Path(last) != found.root.resolve():
+    if isinstance(last, str) and Path(last) != comparison.root.resolve():
         runs = "the running rorg follows" if context.state.owner() else "rorg followed"
-        note(f"{runs} {last}; this compares {found.root.resolve()}")
+        note(f"{runs} {last}; this compares {comparison.root.resolve()}")
 
 
 def _told(context: Context, unified: bool, rev: str) -> dict[str, Any] | None:
@@ -107,17 +107,19 @@ def _told(context: Context, unified: bool, rev: str) -> dict[str, Any] | None:
     client, asked = context.client(), {"unified": "true" if unified else "", "rev": rev}
     query = urlencode({name: value for name, value in asked.items() if value})
     try:
-        found: dict[str, Any] | None = client.call("GET", f"/v1/diff{'?' * bool(query)}{query}") if client else None
+        answer: dict[str, Any] | None = client.call("GET", f"/v1/diff{'?' * bool(query)}{query}") if client else None
     except ClientError:
         if context.remote or context.silence:
             raise
         return None  # an older rorg, or one that this user may not ask: computing it here reports what is wrong
-    if found and context.directory and Path(found["root"]) != context.directory.resolve():
+    if answer and context.directory and Path(answer["root"]) != context.directory.resolve():
         context.here("compare that directory")
         return None
     # An older rorg may ignore what was asked.
-    same = found and bool(found.get("commit")) == bool(rev) and os.environ.get(ROBOT) in (None, "", found.get("robot"))
-    return found if found and same and "services" in found else None
+    same = (
+        answer and bool(answer.get("commit")) == bool(rev) and os.environ.get(ROBOT) in (None, "", answer.get("robot"))
+    )
+    return answer if answer and same and "services" in answer else None
 
 
 def line(error: dict[str, Any]) -> str:
@@ -166,5 +168,5 @@ def _computed(context: Context, unified: bool, rev: str) -> Differences:
     if not tree.loaded:
         raise unusable(context.root, tree.errors)
     decision = decision_for(context, tree.desired)
-    found = _of(plan_forms(decision, decision.plan, unified), context.root, told=False)
-    return found._replace(decision=decision, tree=tree, warnings=tuple(d.as_json() for d in tree.warnings))
+    comparison = _of(plan_forms(decision, decision.plan, unified), context.root, told=False)
+    return comparison._replace(decision=decision, tree=tree, warnings=tuple(d.as_json() for d in tree.warnings))

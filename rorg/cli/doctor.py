@@ -37,10 +37,10 @@ def command(context: RobotEngine, output: Output = "table") -> None:
     """
     from rorg.core.doctor import ERROR, examine
 
-    found = [*examine(_facts(context)), *_targets(context)]
-    rows = [check.as_json() for check in found]
+    checks = [*examine(_facts(context)), *_targets(context)]
+    rows = [check.as_json() for check in checks]
     print_rows(rows, output, ("check", "status", "message", "remedy"), below=("message", "remedy"))
-    if any(check.status == ERROR for check in found):
+    if any(check.status == ERROR for check in checks):
         sys.exit(int(Exit.NOT_READY))
 
 
@@ -53,7 +53,7 @@ def _facts(context: Context) -> Installation:
     state, machine = context.state, gather(())
     engine, images = _engine(context)
     places = (host.space(path) for path in (state.path, *images))
-    spaces = {found.path: found for found in places if found}
+    spaces = {space.path: space for space in places if space}
     tree = ((context.last() or {}).get("tree") or {}).get("root")
     readable = state.readable
     return Installation(
@@ -94,7 +94,7 @@ def _engine(context: Context) -> tuple[dict[str, Any], list[Path]]:
     from rorg.engines.facts import engine_facts
 
     facts = engine_facts()
-    found = {
+    fields = {
         "engine": context.engine_name,
         "engine_host": facts.host,
         "engine_error": facts.error,
@@ -102,23 +102,23 @@ def _engine(context: Context) -> tuple[dict[str, Any], list[Path]]:
         "engine_version": facts.version,
         "live_restore": facts.live_restore,
     }
-    return found, [Path(facts.root)] if facts.root and facts.host.startswith("unix://") else []
+    return fields, [Path(facts.root)] if facts.root and facts.host.startswith("unix://") else []
 
 
 def _server(context: Context) -> dict[str, Any]:
     """Whether an rorg runs on the state directory or at the given socket, and answers this user."""
     near = context.remote and not context.place.elsewhere
     owner, path = context.state.owner(), Path(context.remote) if near else context.state.run / NAME
-    found: dict[str, Any] = {"running": (owner or {}).get("pid", 0), "socket": str(path)}
+    fields: dict[str, Any] = {"running": (owner or {}).get("pid", 0), "socket": str(path)}
     if not path.exists():
-        return found
+        return fields
     try:
         may_connect(str(path))
         client = Client(str(path), timeout=PATIENCE, patience=PATIENCE)
         handshake(client)
         client.call("GET", "/v1/status")
     except Refused as error:
-        return {**found, "socket_error": error.why}
+        return {**fields, "socket_error": error.why}
     except (ClientError, Unreachable, OSError):
-        return found
-    return {**found, "answers": True}
+        return fields
+    return {**fields, "answers": True}

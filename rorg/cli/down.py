@@ -128,9 +128,11 @@ def _alone(context: Context, yes: bool, keep_requests: bool, volumes: bool, time
     if not context.state.path.is_dir():
         raise Invalid(f"take the robot of {context.state.path} down", "no such directory", "another --state-dir")
     context.state.acquire("rorg down")
-    found, last = context.engine().list(), read_kept(context.state.path).catalog
+    containers, last = context.engine().list(), read_kept(context.state.path).catalog
     known = last.services if last else {}
-    there = {c.service: {"state": c.state, "driver": c.service in known and known[c.service].driver} for c in found}
+    there = {
+        c.service: {"state": c.state, "driver": c.service in known and known[c.service].driver} for c in containers
+    }
     rows = [*_rows(there), *_object_rows(_ours(context), volumes)]
     _consent(rows, len(context.document().requests), keep_requests, yes)
     context.change(down(keep_requests, volumes, "").edit)
@@ -159,8 +161,8 @@ def _ours(context: Context) -> list[dict[str, Any]]:
     from rorg.engines.protocol import Objects
 
     engine = context.engine()
-    found = engine.find_objects(()).found.values() if isinstance(engine, Objects) else ()
-    return [{"kind": one.kind, "engine_name": one.called, "ours": True} for one in found]
+    objects = engine.find_objects(()).found.values() if isinstance(engine, Objects) else ()
+    return [{"kind": one.kind, "engine_name": one.called, "ours": True} for one in objects]
 
 
 def _left(decision: Decision | None) -> str:

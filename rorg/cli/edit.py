@@ -126,8 +126,8 @@ class Served:
         client.timeout = 2 * COMMIT_PATIENCE  # a git hook may take some time
 
     def names(self, kind: str) -> Collection[str]:
-        found = [m for m in self.client.manifests() if m["kind"] == kind]
-        self._bases = {m["name"]: m["digest"] for m in found}
+        manifests = [m for m in self.client.manifests() if m["kind"] == kind]
+        self._bases = {m["name"]: m["digest"] for m in manifests}
         return self._bases
 
     def text(self, kind: str, name: str) -> str:

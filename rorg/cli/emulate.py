@@ -77,10 +77,10 @@ def command(
     signal.signal(signal.SIGTERM, interrupt)
     signal.signal(signal.SIGINT, interrupt)
     try:
-        found = _measured(experiment, compress, pairs, save)
+        emulation = _measured(experiment, compress, pairs, save)
         if plot:
-            _draw(found, experiment, plot)
-        _print(found, output)
+            _draw(emulation, experiment, plot)
+        _print(emulation, output)
     except KeyboardInterrupt:
         note("interrupted")
         sys.exit(130)
@@ -134,7 +134,7 @@ def _measured(experiment: Experiment, compress: float, pairs: int, save: Path | 
     from rorg.tools.sim.emulation import as_json as plain
 
     now = machine()
-    found = Emulation(
+    emulation = Emulation(
         trace=experiment.trace.name,
         compress=compress,
         engine=experiment.engine,
@@ -144,11 +144,11 @@ def _measured(experiment: Experiment, compress: float, pairs: int, save: Path | 
     )
     with closing(emulate(experiment, pairs, note)) as runs:
         for run in runs:
-            found = found.with_run(_compared(experiment, run))
-            note(_told(found))
+            emulation = emulation.with_run(_compared(experiment, run))
+            note(_told(emulation))
             if save:
-                _save(save, as_json(plain(found), 1) + "\n")
-    return found
+                _save(save, as_json(plain(emulation), 1) + "\n")
+    return emulation
 
 
 def _compared(experiment: Experiment, run: EmulatedRun) -> Compared:

@@ -48,11 +48,11 @@ def command(
     about = [*(services or ()), *words(service)]
     only = {"kind": words(kind), "service": about, "since": since or "", "until": until or "", "text": grep}
     last = tail if tail is not None else MOST if since else LAST
-    found = _events(context, follow, last, only)
+    events = _events(context, follow, last, only)
     if follow:
         end_with_reader()
     fold = output in ("table", "wide") and not (follow or no_fold)
-    for text in _folded(found, output) if fold else (_text(event, output) for event in found):
+    for text in _folded(events, output) if fold else (_text(event, output) for event in events):
         echo(text)
 
 
@@ -65,10 +65,10 @@ def _events(context: Context, follow: bool, last: int, only: dict[str, Any]) -> 
     return iter(_kept(context, last, only))
 
 
-def _folded(found: Iterator[Any], output: str) -> Iterator[str]:
+def _folded(events: Iterator[Any], output: str) -> Iterator[str]:
     from rorg.history.repeats import folded
 
-    for group in folded(found):
+    for group in folded(events):
         times = f"  (x {group.times} since {group.since[11:19]})" if group.times > 1 else ""
         yield _text({**group.last, "message": group.last["message"] + times}, output)
 

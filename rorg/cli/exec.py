@@ -47,9 +47,9 @@ def command(
 def container_of(context: Context, service: str, what: str) -> Container:
     """The container of a service that runs, or ran last. Raises Invalid for an unknown name and for a group, and
     NotReady if the service has no container."""
-    found = [c for c in context.engine().list() if c.service and c.service == service]
-    if found:
-        return max(found, key=lambda c: (c.alive, c.started_at))
+    containers = [c for c in context.engine().list() if c.service and c.service == service]
+    if containers:
+        return max(containers, key=lambda c: (c.alive, c.started_at))
     client = context.client()
     services = {s["service"] for s in client.services()} if client else set(context.catalog().services)
     if service in services:

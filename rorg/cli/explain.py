@@ -47,14 +47,14 @@ def command(
         page = place.path if output == "name" else _page(place)
         dump(_as_json(place), output) if output in ("json", "yaml") else echo(page)
         return
-    found = _service(context, what, kind, name)
+    values = _service(context, what, kind, name)
     if output == "name":
-        echo("\n".join(value.field for value in found))
+        echo("\n".join(value.field for value in values))
         return
     if output in ("json", "yaml"):
-        dump({"service": name, "values": [value.as_json() for value in found]}, output)
+        dump({"service": name, "values": [value.as_json() for value in values]}, output)
         return
-    echo(table([{"field": v.field, "value": v.text, "source": v.source} for v in found], ("field", "value", "source")))
+    echo(table([{"field": v.field, "value": v.text, "source": v.source} for v in values], ("field", "value", "source")))
 
 
 def _service(context: Any, what: str, kind: str, name: str) -> list[Any]:
@@ -102,17 +102,23 @@ def _unknown(what: str, services: Any) -> Invalid:
 
 def _page(place: Place) -> str:
     """The page about a field or a kind, for people."""
-    found, width = _as_json(place), 100
+    explanation, width = _as_json(place), 100
     rows = [("FIELD" if place.field else "KIND", place.path)]
     if place.field:
-        default = "none, it is required" if place.field.required else found["default"]
-        rows += [("TYPE", found["type"]), ("DEFAULT", default)]
+        default = "none, it is required" if place.field.required else explanation["default"]
+        rows += [("TYPE", explanation["type"]), ("DEFAULT", default)]
         rows += [("CHANGE", CHANGES[place.field.change])] if place.field.change else []
     lines = [f"{head:<8} {text}" for head, text in rows]
-    lines += ["", *textwrap.wrap(found["description"], width), "", "EXAMPLE", textwrap.indent(_example(place), "  ")]
-    if "fields" in found:
+    lines += [
+        "",
+        *textwrap.wrap(explanation["description"], width),
+        "",
+        "EXAMPLE",
+        textwrap.indent(_example(place), "  "),
+    ]
+    if "fields" in explanation:
         lines += ["", "FIELDS"]
-        for name, field in found["fields"].items():
+        for name, field in explanation["fields"].items():
             default = {"not set": "", "required": ", required"}.get(field["default"], f"; default: {field['default']}")
             lines.append(f"  {name}  ({field['type']}{default})")
             lines += textwrap.wrap(field["description"], width, initial_indent="      ", subsequent_indent="      ")
@@ -143,14 +149,17 @@ def _as_json(place: Place) -> dict[str, Any]:
 
     from rorg.manifest.field_texts import fields_of
 
-    found: dict[str, Any] = {"field": place.path}
+    explanation: dict[str, Any] = {"field": place.path}
     if place.field:
-        found |= _told(place.field)
+        explanation |= _told(place.field)
     else:
-        found |= {"description": " ".join((inspect.getdoc(place.model) or "").split()), "example": _manifest(place)}
+        explanation |= {
+            "description": " ".join((inspect.getdoc(place.model) or "").split()),
+            "example": _manifest(place),
+        }
     if place.model:
-        found["fields"] = {name: _told(field) for name, field in fields_of(place.model).items()}
-    return found
+        explanation["fields"] = {name: _told(field) for name, field in fields_of(place.model).items()}
+    return explanation
 
 
 def _told(field: FieldText) -> dict[str, Any]:

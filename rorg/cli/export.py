@@ -72,13 +72,13 @@ def _tell(exported: Exported, output: Path | None, form: str) -> None:
     from rorg.tools.compose.writer_text import escaped, write
 
     if form == "json":
-        found: dict[str, Any] = {
+        report: dict[str, Any] = {
             "file": str(output) if output else None,
             "compose": escaped(exported.document),
             "notes": [n.as_json() for n in exported.notes],
             "files": sorted(exported.files),
         }
-        dump(found, "json")
+        dump(report, "json")
     elif output is None:
         echo(write(exported), end="")
     if output is None and exported.files:

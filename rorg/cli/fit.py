@@ -58,21 +58,21 @@ def command(
         measured = {entry["service"]: entry for entry in records.measured(since or moment(DAYS))}
     chosen = [n for n in sorted(known) if not services or n in services]
     before = {name: tree.text("Service", name) for name in chosen}
-    found = [fit(name, before[name], measured.get(name), margin) for name in chosen]
-    _show(found, before, output, services or ())
-    for one in found if write else ():
+    fits = [fit(name, before[name], measured.get(name), margin) for name in chosen]
+    _show(fits, before, output, services or ())
+    for one in fits if write else ():
         if one.after:
             tree.text("Service", one.service)  # write() writes the manifest that was read last
             tree.write("Service", one.service, one.text)
             note(f"service {one.service} edited")
 
 
-def _show(found: Sequence[Fit], before: dict[str, str], output: str, named: Collection[str]) -> None:
-    changed = [one for one in found if one.after]
+def _show(fits: Sequence[Fit], before: dict[str, str], output: str, named: Collection[str]) -> None:
+    changed = [one for one in fits if one.after]
     if output == "diff":
         for one in changed:
             echo(_diff(one, before[one.service]), end="")
-        for one in found:
+        for one in fits:
             if not one.after and (one.service in named or one.seconds):
                 note(f"{one.service}: {one.why_not}")
         if not changed:
@@ -86,10 +86,10 @@ def _show(found: Sequence[Fit], before: dict[str, str], output: str, named: Coll
             "memory": _step(one, "memory"),
             "note": one.why_not or "-",
         }
-        for one in found
+        for one in fits
     ]
     columns = ("service", "measured", "cpu", "memory", "note")
-    print_rows(rows, output, columns, full=[one.as_json() for one in found], below=("note",))
+    print_rows(rows, output, columns, full=[one.as_json() for one in fits], below=("note",))
 
 
 def _step(one: Fit, key: str) -> str:

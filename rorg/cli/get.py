@@ -101,21 +101,21 @@ SORTS: dict[str, Any] = {
 
 
 def _groups(context: Context, names: Sequence[str]) -> Found:
-    found = _named("group", names, context.groups(), "name")
-    return [{**g, "services": ",".join(g["services"])} for g in found], found
+    groups = _named("group", names, context.groups(), "name")
+    return [{**g, "services": ",".join(g["services"])} for g in groups], groups
 
 
 def _images(context: Context, names: Sequence[str]) -> Found:
-    found = _named("image", names, _all_images(context), "name")
+    images = _named("image", names, _all_images(context), "name")
     rows = [
         {
             **i,
             "from": ", ".join(i["bases"]) or ("scratch" if i["context"] else "import"),
             "services": len(i["services"]),
         }
-        for i in found
+        for i in images
     ]
-    return rows, found
+    return rows, images
 
 
 def _all_images(context: Context) -> list[dict[str, Any]]:
@@ -140,7 +140,7 @@ def _all_manifests(context: Context) -> list[dict[str, Any]]:
 def _objects(kind: str) -> Any:
     def listed(context: Context, names: Sequence[str]) -> Found:
         known = [view for view in context.view().get("objects", ()) if view["kind"] == kind]
-        found = _named(kind, names, known, "name")
+        objects = _named(kind, names, known, "name")
         rows = [
             {
                 **view,
@@ -149,23 +149,23 @@ def _objects(kind: str) -> Any:
                 "declared": "yes" if view["declared"] else "no",
                 "services": ",".join(view["services"]),
             }
-            for view in found
+            for view in objects
         ]
-        return rows, found
+        return rows, objects
 
     return listed
 
 
 def _manifests(kind: str) -> Any:
     def listed(context: Context, names: Sequence[str]) -> Found:
-        found = _named(kind.lower(), names, [m for m in _all_manifests(context) if m["kind"] == kind], "name")
-        return found, found
+        manifests = _named(kind.lower(), names, [m for m in _all_manifests(context) if m["kind"] == kind], "name")
+        return manifests, manifests
 
     return listed
 
 
 def _requests(context: Context, names: Sequence[str]) -> Found:
-    found = _named("request", names, context.view()["requests"], "id")
+    requests = _named("request", names, context.view()["requests"], "id")
     rows = [
         {
             "id": r["id"],
@@ -177,9 +177,9 @@ def _requests(context: Context, names: Sequence[str]) -> Found:
             "priority": r["priority"] if r["priority"] is not None else "",
             "ttl": f"{r['ttl']:g} s" if r["ttl"] else "",
         }
-        for r in found
+        for r in requests
     ]
-    return rows, found
+    return rows, requests
 
 
 def _named(kind: str, names: Sequence[str], known: Sequence[Any], key: str) -> list[Any]:

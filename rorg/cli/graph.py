@@ -53,14 +53,14 @@ def _services(context: Context, form: str, hidden: Sequence[str]) -> None:
 
         return graph(context.catalog(), () if context.remote else context.document().requests)
 
-    found = _without(context.asked("/v1/graph", here), hidden)
+    view = _without(context.asked("/v1/graph", here), hidden)
     if form in DRAWN:
-        echo(_drawn_services(found, form, hidden))
+        echo(_drawn_services(view, form, hidden))
     elif form == "wide":
-        print_rows(found["edges"], form, ("from", "kind", "to"))
+        print_rows(view["edges"], form, ("from", "kind", "to"))
     else:
-        names = [{"name": name} for name in found["services"]]
-        print_rows(names, form, ("name",), full=found, text="\n".join(_text(found)))
+        names = [{"name": name} for name in view["services"]]
+        print_rows(names, form, ("name",), full=view, text="\n".join(_text(view)))
 
 
 def _text(graph: Graph) -> list[str]:
@@ -114,12 +114,12 @@ def _images(context: Context, form: str) -> None:
 
         return image_graph(context.catalog())
 
-    found = context.asked("/v1/graph/images", here)
-    below = {n: [e["to"] for e in found["edges"] if e["from"] == n] for n in found["images"]}
+    view = context.asked("/v1/graph/images", here)
+    below = {n: [e["to"] for e in view["edges"] if e["from"] == n] for n in view["images"]}
     graph = hierarchy(below)
     levels = generations(graph)
     if form in DRAWN:
-        echo(_drawn_images(found, graph, levels, form))
+        echo(_drawn_images(view, graph, levels, form))
     elif form == "wide":
         level = {name: at for at, names in enumerate(levels) for name in names}
         rows = [
@@ -127,15 +127,15 @@ def _images(context: Context, form: str) -> None:
                 **edge,
                 "level": level[edge["from"]],
                 "descendants": len(descendants(graph, edge["from"])),
-                "services": len(services_on(graph, found["services"], edge["from"])),
+                "services": len(services_on(graph, view["services"], edge["from"])),
             }
-            for edge in found["edges"]
+            for edge in view["edges"]
         ]
         print_rows(rows, form, ("from", "to", "level", "descendants", "services"))
     else:
         names = [{"name": name} for names in levels for name in names if name in below]
         text = "\n".join(_tree(levels, below))
-        print_rows(names, form, ("name",), full={**found, "levels": levels}, text=text)
+        print_rows(names, form, ("name",), full={**view, "levels": levels}, text=text)
 
 
 def _tree(levels: Sequence[Sequence[str]], below: dict[str, list[str]]) -> list[str]:
@@ -156,10 +156,10 @@ def _tree(levels: Sequence[Sequence[str]], below: dict[str, list[str]]) -> list[
     return lines
 
 
-def _drawn_images(found: Graph, graph: Any, levels: Sequence[Sequence[str]], form: str) -> str:
+def _drawn_images(view: Graph, graph: Any, levels: Sequence[Sequence[str]], form: str) -> str:
     """Without the arrows that follow from longer paths."""
     from rorg.images.graph import reduced
 
     arrows = sorted(Arrow(name, base) for base, name in reduced(graph).edges)
     legend = {"dashed": "not an image of the tree", "arrow": "is built on"}
-    return draw(Drawing([n for names in levels for n in names], arrows, dashed=found["external"], legend=legend), form)
+    return draw(Drawing([n for names in levels for n in names], arrows, dashed=view["external"], legend=legend), form)

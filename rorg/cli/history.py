@@ -57,7 +57,7 @@ def command(
             _export(records, format, file)
 
 
-def _print(found: list[dict[str, Any]], output: str) -> None:
+def _print(revisions: list[dict[str, Any]], output: str) -> None:
     rows = [
         {
             **revision,
@@ -67,35 +67,35 @@ def _print(found: list[dict[str, Any]], output: str) -> None:
             "subject": revision["subject"] or "-",
             "settled": revision["settled_at"][:19].replace("T", " ") or "-",
         }
-        for revision in found
+        for revision in revisions
     ]
     columns = ("number", "when", "commit", "author", "standing", "subject")
-    print_rows(rows, output, columns, ("settled", "reason", "robot"), full=found, below=("subject", "author"))
+    print_rows(rows, output, columns, ("settled", "reason", "robot"), full=revisions, below=("subject", "author"))
 
 
 def _commit(revision: dict[str, Any]) -> str:
     return f"{revision['commit'][:10] or '-'}{'+' * revision['dirty']}"
 
 
-def _show(found: dict[str, Any], output: str) -> None:
+def _show(revision: dict[str, Any], output: str) -> None:
     """Shows a revision in full."""
     if output in ("json", "yaml"):
-        dump(found, output)
+        dump(revision, output)
         return
     if output == "name":
-        echo(found["number"])
+        echo(revision["number"])
         return
     names = ("at", "commit", "author", "subject", "robot", "settled_at", "reason")
-    facts = {name: found[name] for name in names if found[name]} | (
-        {"commit": _commit(found)} if found["commit"] else {}
+    facts = {name: revision[name] for name in names if revision[name]} | (
+        {"commit": _commit(revision)} if revision["commit"] else {}
     )
-    echo(f"revision {found['number']}: {found['standing']}")
+    echo(f"revision {revision['number']}: {revision['standing']}")
     for name, value in facts.items():
         echo(entry(f"  {name.removesuffix('_at'):<8} ", value))
-    for error in found["errors"]:
+    for error in revision["errors"]:
         echo(entry("  error    ", error))
-    if found["plan"]:
-        echo("\n" + found["plan"], end="")
+    if revision["plan"]:
+        echo("\n" + revision["plan"], end="")
     rows = [
         {
             "service": name,
@@ -104,7 +104,7 @@ def _show(found: dict[str, Any], output: str) -> None:
             "digest": made["digest"][:12],
             "declared": made["declared"],
         }
-        for name, made in found["services"].items()
+        for name, made in revision["services"].items()
     ]
     columns = ("service", "image", "id", "digest", *(("declared",) if output == "wide" else ()))
     if rows:
@@ -113,11 +113,11 @@ def _show(found: dict[str, Any], output: str) -> None:
 
 def _compare(records: Served | Kept, a: str, b: str, output: str) -> None:
     newest = records.listed(1) if not b else []
-    found = records.compared(a, b or str(newest[0]["number"] if newest else 0))
-    lines = [_change(change) for change in found["services"]]
-    same = f"revisions {found['old']['number']} and {found['new']['number']} are the same, service by service"
+    comparison = records.compared(a, b or str(newest[0]["number"] if newest else 0))
+    lines = [_change(change) for change in comparison["services"]]
+    same = f"revisions {comparison['old']['number']} and {comparison['new']['number']} are the same, service by service"
     form = "table" if output == "wide" else output
-    print_rows(found["services"], form, ("service",), full=found, text="\n".join(lines) or same)
+    print_rows(comparison["services"], form, ("service",), full=comparison, text="\n".join(lines) or same)
 
 
 def _change(change: dict[str, Any]) -> str:

@@ -114,8 +114,8 @@ def _compose(
         except OSError:
             return None
 
-    found = from_compose(loaded.project, tree, top, text, skip)
-    return found.with_diagnostics(loaded.diagnostics)
+    imported = from_compose(loaded.project, tree, top, text, skip)
+    return imported.with_diagnostics(loaded.diagnostics)
 
 
 def _repository(directory: Path) -> Path:
@@ -130,9 +130,9 @@ def _project_folder(path: Path) -> Path:
     own = path.resolve() if path.is_dir() else path.resolve().parent
     around = [d for d in (own, *own.parents) if not home.is_relative_to(d)]
     for mark in (".git", "package.xml"):
-        found = next((d for d in around if (d / mark).exists()), None)
-        if found:
-            return found
+        directory = next((d for d in around if (d / mark).exists()), None)
+        if directory:
+            return directory
     return own
 
 
@@ -195,10 +195,10 @@ def _tell(imported: Imported, output: Path, form: str) -> None:
     from collections import Counter
 
     _notes(imported, form)
-    found = findings(output, known_engine(None))[0]
-    errors = [d for d in found if d.severity == "error"]
+    diagnostics = findings(output, known_engine(None))[0]
+    errors = [d for d in diagnostics if d.severity == "error"]
     rows = [{"file": str(output / m.path), "kind": m.kind, "name": m.name} for m in imported.manifests]
-    whole = {**_whole(imported, output), "valid": not errors, "findings": [d.as_json() for d in found]}
+    whole = {**_whole(imported, output), "valid": not errors, "findings": [d.as_json() for d in diagnostics]}
     print_rows(rows, form, ("file", "kind", "name"), full=whole)
     kinds = Counter(m.kind.lower() for m in imported.manifests)
     told = [d.severity for d in imported.diagnostics]
@@ -210,7 +210,7 @@ def _tell(imported: Imported, output: Path, form: str) -> None:
     if errors:
         note(f"the files are written; correct them, then `rorg validate {output}`")
         refuse(len(errors))
-    warnings = f", with {counted(len(found), 'warning')} (`rorg validate {output}`)" if found else ""
+    warnings = f", with {counted(len(diagnostics), 'warning')} (`rorg validate {output}`)" if diagnostics else ""
     note(f"valid{warnings}\nnext: rorg run {output}")
 
 

@@ -119,4 +119,4 @@ def _late(view: dict[str, Any]) -> dict[str, str]:
     ready = {
         n: condition(s, "Ready") for n, s in view["services"].items() if s["health"] in ("Progressing", "Degraded")
     }
-    return {name: found["message"] or found["reason"] for name, found in ready.items()}
+    return {name: readiness["message"] or readiness["reason"] for name, readiness in ready.items()}

@@ -48,12 +48,12 @@ def command(
     names = list(dict.fromkeys(services or _running(context, client)))
     if client:
         members = {m for name in names for m in _members(client, name)}
-        found = _served(client, names, asked)
+        entries = _served(client, names, asked)
     else:
-        members, found = _here(context, names, asked)
+        members, entries = _here(context, names, asked)
     shown = Lines(sorted(members), timestamps) if output == "table" else None
     try:
-        for entry in found:
+        for entry in entries:
             _show(entry, shown)
     finally:
         if shown:
@@ -145,9 +145,9 @@ def _read(engine: Any, find: Any, asked: Any) -> Iterator[dict[str, Any]]:
         while True:
             news.wait()
             news.clear()
-            found, over = entries.take()
-            yield from map(entry_json, found)
-            if over and not found:
+            batch, over = entries.take()
+            yield from map(entry_json, batch)
+            if over and not batch:
                 return
             if over:
                 news.set()

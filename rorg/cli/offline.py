@@ -103,5 +103,5 @@ class Local:
         return list(change.services)
 
 
-def _current(found: Decision) -> Current:
-    return Current(found, statuses(found.situation, found.plan, found.holds), found.situation.now)
+def _current(decision: Decision) -> Current:
+    return Current(decision, statuses(decision.situation, decision.plan, decision.holds), decision.situation.now)

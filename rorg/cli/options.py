@@ -162,8 +162,8 @@ class ContextOptions(NamedTuple):
     def hints(self) -> dict[str, Any]:
         """Parameter of a Context -> its option."""
         state_dir = OwnStateDirectory if self.own else StateDirectory
-        found = {"directory": self.directory, "state_dir": state_dir, "engine": EngineName if self.engine else None}
-        return {name: hint for name, hint in found.items() if hint}
+        options = {"directory": self.directory, "state_dir": state_dir, "engine": EngineName if self.engine else None}
+        return {name: hint for name, hint in options.items() if hint}
 
 
 Robot = Annotated[Context, ContextOptions(engine=False)]

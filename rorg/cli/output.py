@@ -93,8 +93,8 @@ def as_json(value: Any, indent: int | None = None) -> str:
 
 def cells(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> tuple[list[list[str]], list[int]]:
     """(rows of cells, the head first; the width of each column)."""
-    found = [[c.upper() for c in columns]] + [[printable(row.get(c, "")) for c in columns] for row in rows]
-    return found, [max(_width(line[i]) for line in found) for i in range(len(columns))]
+    grid = [[c.upper() for c in columns]] + [[printable(row.get(c, "")) for c in columns] for row in rows]
+    return grid, [max(_width(line[i]) for line in grid) for i in range(len(columns))]
 
 
 def _width(text: str) -> int:
@@ -112,8 +112,8 @@ def _padded(text: str, width: int) -> str:
 
 def table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> str:
     """A plain table: heads in upper case, columns as wide as needed."""
-    found, widths = cells(rows, columns)
-    return "\n".join("  ".join(_padded(c, w) for c, w in zip(line, widths, strict=True)).rstrip() for line in found)
+    grid, widths = cells(rows, columns)
+    return "\n".join("  ".join(_padded(c, w) for c, w in zip(line, widths, strict=True)).rstrip() for line in grid)
 
 
 COLOURS = {
@@ -140,14 +140,14 @@ def coloured_table(
     """The same with colours, for a terminal of `width` columns. If it does not fit, columns in `below` move to lines of
     their own under each row, the last one first. Nothing is ever cut."""
     beside, under = list(columns), list[str]()
-    found, widths = cells(rows, beside)
+    grid, widths = cells(rows, beside)
     while sum(widths) + 2 * (len(widths) - 1) > width and (movable := [c for c in beside if c in below]):
         beside.remove(movable[-1])
         under.insert(0, movable[-1])
-        found, widths = cells(rows, beside)
-    styles = [["bold"] * len(beside), *([COLOURS.get(c, "") for c in line] for line in found[1:])]
+        grid, widths = cells(rows, beside)
+    styles = [["bold"] * len(beside), *([COLOURS.get(c, "") for c in line] for line in grid[1:])]
     lines: list[str] = []
-    for index, (line, of) in enumerate(zip(found, styles, strict=True)):
+    for index, (line, of) in enumerate(zip(grid, styles, strict=True)):
         shown = (_styled(_padded(c, w), style if colours else "") for c, w, style in zip(line, widths, of, strict=True))
         lines.append("  ".join(shown).rstrip())
         row: Mapping[str, Any] = rows[index - 1] if index else {}
@@ -164,13 +164,13 @@ def rich_table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str], title:
     from rich.table import Table
     from rich.text import Text
 
-    found = Table(title=title or None, box=None, pad_edge=False, header_style="bold", title_justify="left")
+    table = Table(title=title or None, box=None, pad_edge=False, header_style="bold", title_justify="left")
     for column in columns:
-        found.add_column(column.upper(), no_wrap=column != "why", overflow="ellipsis")
+        table.add_column(column.upper(), no_wrap=column != "why", overflow="ellipsis")
     for row in rows:
         texts = [printable(row.get(c, "")) for c in columns]
-        found.add_row(*[Text(t, style=COLOURS.get(t, "")) for t in texts])
-    return found
+        table.add_row(*[Text(t, style=COLOURS.get(t, "")) for t in texts])
+    return table
 
 
 def print_rows(
@@ -197,11 +197,11 @@ def print_rows(
         if text:
             echo(text)
     elif sys.stdout.isatty():
-        found = screen_table(rows, shown, below)
-        write(found if headers else found.partition("\n")[2])
+        table_text = screen_table(rows, shown, below)
+        write(table_text if headers else table_text.partition("\n")[2])
     elif headers or rows:
-        found = table(rows, shown)
-        echo(found if headers else found.partition("\n")[2])
+        table_text = table(rows, shown)
+        echo(table_text if headers else table_text.partition("\n")[2])
 
 
 def columns_of(form: str, columns: Sequence[str], wide: Sequence[str]) -> list[str]:

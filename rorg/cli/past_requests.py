@@ -47,8 +47,8 @@ class EarlierRequests:
 
     def lines(self) -> list[str]:
         """What would be requested and released, for people."""
-        found = [("-", request) for request in self._released] + [("+", request) for request in self._requested]
-        return [printable(f"{sign} request '{r.id}' of {r.requester}: {', '.join(r.services)}") for sign, r in found]
+        changes = [("-", request) for request in self._released] + [("+", request) for request in self._requested]
+        return [printable(f"{sign} request '{r.id}' of {r.requester}: {', '.join(r.services)}") for sign, r in changes]
 
     def restore(self) -> None:
         """Requests and releases, through the running rorg or without one."""

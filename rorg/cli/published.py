@@ -26,9 +26,9 @@ def condition(service: dict[str, Any], kind: str) -> dict[str, str]:
 def hopeless(view: dict[str, Any], names: Iterable[str]) -> dict[str, str]:
     """The wanted services among these for which waiting is hopeless, with the reason: an attempt failed, or the service
     ended and is not restarted."""
-    found: dict[str, str] = {}
+    reasons: dict[str, str] = {}
     if not view.get("engine", {}).get("complete", True):
-        return found  # earlier failures may be over when the engine answers
+        return reasons  # earlier failures may be over when the engine answers
     for name in names:
         service = view["services"].get(name)
         if service is None or not service["wanted"] or service["state"] == "meta":
@@ -39,10 +39,10 @@ def hopeless(view: dict[str, Any], names: Iterable[str]) -> dict[str, str]:
         over = ready["reason"] in ("Failed", "OutOfMemory") and condition(service, "Reconciling")["status"] == "False"
         updated = condition(service, "Updated")
         if updated["status"] == "False":
-            found[name] = f"its change failed ({updated['message']}); it stays as it was"
+            reasons[name] = f"its change failed ({updated['message']}); it stays as it was"
         elif failed or stalled["status"] == "True" or over:
-            found[name] = "; ".join(failed) or stalled["message"] or ready["message"] or ready["reason"]
-    return found
+            reasons[name] = "; ".join(failed) or stalled["message"] or ready["message"] or ready["reason"]
+    return reasons
 
 
 def failure(failed: Mapping[str, str]) -> str:
@@ -53,8 +53,8 @@ def failure(failed: Mapping[str, str]) -> str:
 def unready(view: dict[str, Any], names: Iterable[str]) -> str:
     """Why the first of these services that is not ready is not, with the others of the same cause; empty if all are
     ready."""
-    found = late(view, names)
-    return str(view.get("suspended") or found[0]) if found else ""
+    readiness = late(view, names)
+    return str(view.get("suspended") or readiness[0]) if readiness else ""
 
 
 def late(view: dict[str, Any], names: Iterable[str]) -> list[Cause]:

@@ -27,12 +27,12 @@ def command(
     from functools import partial
 
     robot = operating(context)
-    found = sorted({r["requester"] for r in robot.requests(id) if requester in ("", r["requester"])})
-    if len(found) > 1:
-        raise Invalid(f"release '{id}'", f"{' and '.join(found)} have a request with that id", "--as REQUESTER")
-    for name in found:
+    requesters = sorted({r["requester"] for r in robot.requests(id) if requester in ("", r["requester"])})
+    if len(requesters) > 1:
+        raise Invalid(f"release '{id}'", f"{' and '.join(requesters)} have a request with that id", "--as REQUESTER")
+    for name in requesters:
         confirmed(partial(robot.release, id, name), yes, "Release")
-    text = "\n".join(f"request '{id}' of {name} released" for name in found)
-    print_rows([{"id": id, "requester": name} for name in found], output, ("id", "requester"), text=text)
-    if not found:
+    text = "\n".join(f"request '{id}' of {name} released" for name in requesters)
+    print_rows([{"id": id, "requester": name} for name in requesters], output, ("id", "requester"), text=text)
+    if not requesters:
         note(f"no request '{id}': nothing to release")

@@ -108,14 +108,14 @@ class Known:
 
 def goal_of(text: str, revisions: Known, root: Path) -> Goal:
     """The goal that a REV names; by default the last good one. Raises Missing and Refused."""
-    found = parse(text, revisions) if text else revisions.good_before(root)
-    if isinstance(found, Revision):
-        return goal(found, revisions, root)
-    commit = commit_of(root, found)
+    revision = parse(text, revisions) if text else revisions.good_before(root)
+    if isinstance(revision, Revision):
+        return goal(revision, revisions, root)
+    commit = commit_of(root, revision)
     if not commit:
         why = "no such number in `rorg history`, and git knows no such commit, tag or branch"
         raise Missing(f"find the revision '{text}'", why, "`rorg history`, or `git log`")
-    return Goal(commit, found, subject_of(root, commit))
+    return Goal(commit, revision, subject_of(root, commit))
 
 
 def goal(revision: Revision, revisions: Known, root: Path) -> Goal:
@@ -135,10 +135,10 @@ def moment_of(text: str, revisions: Known, root: Path, now: float) -> tuple[str,
     if not NO_TIME.fullmatch(text):
         with contextlib.suppress(ValueError):
             moment = stamp(parse_since(text, now))
-            found = revisions.at(moment)
-            if found is None:
+            revision = revisions.at(moment)
+            if revision is None:
                 raise Refused(f"restore {text}", f"nothing is on record of {moment}", "`rorg history`")
-            return moment, goal(found, revisions, root)
+            return moment, goal(revision, revisions, root)
     wanted, meant = goal_of(text, revisions, root), parse(text, revisions)
     of_it = (r for r in revisions.revisions if r.commit == wanted.commit and not r.dirty)
     then = meant if isinstance(meant, Revision) else next(of_it, None)
@@ -189,11 +189,11 @@ def _contexts(catalog: Catalog) -> list[Path]:
 
 def _below(top: Path, places: Iterable[Path]) -> tuple[str, ...]:
     """The places inside the repository, without those inside another of them."""
-    found: list[Path] = []
+    roots: list[Path] = []
     for place in sorted({Path(os.path.realpath(p)) for p in places}):
-        if place.is_relative_to(top) and not any(place.is_relative_to(other) for other in found):
-            found.append(place)
-    return tuple(str(place.relative_to(top)) for place in found)
+        if place.is_relative_to(top) and not any(place.is_relative_to(other) for other in roots):
+            roots.append(place)
+    return tuple(str(place.relative_to(top)) for place in roots)
 
 
 def all_committed(root: Path, robot: str) -> None:
@@ -234,11 +234,11 @@ def go_back(
         note(f"committed {made[:SHORT]}: {wanted.message}")
     differences(context)  # until rorg has read it
     then()
-    found = differences(context)
+    comparison = differences(context)
     # What is withheld but was not shown stays.
-    withheld = [n for n in found.withheld if n in shown.withheld]
+    withheld = [n for n in comparison.withheld if n in shown.withheld]
     wait, timeout = waiting
-    bring_about(context, owner, found._replace(withheld=withheld), READY if wait else "", timeout)
+    bring_about(context, owner, comparison._replace(withheld=withheld), READY if wait else "", timeout)
     return bool(made)
 
 

@@ -240,10 +240,10 @@ def followed(directory: Path | None, git: str, path: str, committed: bool, signe
     if committed:
         return _own(directory or Path("manifests"), path, trusted)
     try:
-        found = remote(git)
+        repository = remote(git)
     except ValueError as error:
         raise Invalid(f"follow {without_user(git)}", str(error), "REPO or REPO@BRANCH") from error
-    return Followed(found, _inner(path), trusted)
+    return Followed(repository, _inner(path), trusted)
 
 
 def _own(directory: Path, path: str, signers: Path | None) -> Followed:
@@ -252,12 +252,12 @@ def _own(directory: Path, path: str, signers: Path | None) -> Followed:
     from rorg.host.git_process import repository
     from rorg.host.git_remote import Remote
 
-    found = repository(directory)
-    if found is None or not directory.is_dir():
+    git_path = repository(directory)
+    if git_path is None or not directory.is_dir():
         why = "it is not in a git repository" if directory.is_dir() else "no such directory"
         raise Invalid(f"follow the commits of {directory}", why, "`git init` and a commit, or no --committed")
-    inner = directory.resolve().relative_to(found.parent) / _inner(path)
-    return Followed(Remote(str(found.parent)), str(inner), signers, forward=False)
+    inner = directory.resolve().relative_to(git_path.parent) / _inner(path)
+    return Followed(Remote(str(git_path.parent)), str(inner), signers, forward=False)
 
 
 def _inner(path: str) -> str:

@@ -30,10 +30,10 @@ def select(
 
 def _members(context: Context, what: str, name: str, known: dict[str, Any], kinds: Iterable[str]) -> set[str]:
     """The services that a name stands for. Raises Invalid for an unknown name; `what` it was taken for."""
-    found = {name} if name in known else {*context.members(name)} & known.keys()
-    if not found:
+    services = {name} if name in known else {*context.members(name)} & known.keys()
+    if not services:
         raise missing(what, name, {*known, *kinds} if what == "service" else {g["name"] for g in context.groups()})
-    return found
+    return services
 
 
 def _labelled(service: dict[str, Any], selector: str) -> bool:

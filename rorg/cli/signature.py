@@ -51,13 +51,13 @@ def parameters(command: Callable[..., Any]) -> tuple[Parameter, ...]:
     defaults = dict(zip(reversed(names[: code.co_argcount]), reversed(command.__defaults__ or ()), strict=False))
     defaults |= command.__kwdefaults__ or {}
     own = [name for name in names if name not in contexts]
-    found = [_parameter(name, hints[name], name not in defaults, defaults.get(name)) for name in own]
-    found += [_parameter(name, hint) for options in contexts.values() for name, hint in options.hints.items()]
-    if any(p.declared in (DIRECTORY, MANIFESTS) for p in found):
-        found.append(_ROBOT)
-    if any(p.declared is STATE_DIR for p in found):
-        found.append(_SOCKET)
-    return tuple(found)
+    parameters = [_parameter(name, hints[name], name not in defaults, defaults.get(name)) for name in own]
+    parameters += [_parameter(name, hint) for options in contexts.values() for name, hint in options.hints.items()]
+    if any(p.declared in (DIRECTORY, MANIFESTS) for p in parameters):
+        parameters.append(_ROBOT)
+    if any(p.declared is STATE_DIR for p in parameters):
+        parameters.append(_SOCKET)
+    return tuple(parameters)
 
 
 def call(command: Callable[..., Any], values: dict[str, Any]) -> None:

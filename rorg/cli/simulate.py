@@ -202,26 +202,26 @@ def try_out(
     """Does what the options say. Raises Invalid."""
     if compare and sweep:
         raise Invalid("try variants", "--compare and --sweep each name their own", "one of them")
-    found = trial.compare(compare) if compare else trial.sweep(sweep)
+    variants = trial.compare(compare) if compare else trial.sweep(sweep)
     if csv:
-        write_csv(found, csv)
+        write_csv(variants, csv)
     if plot:
-        draw(trial, found, plot)
-    show(found, output)
+        draw(trial, variants, plot)
+    show(variants, output)
 
 
-def draw(trial: Trial, found: Sequence[Tried], file: Path) -> None:
+def draw(trial: Trial, variants: Sequence[Tried], file: Path) -> None:
     """Draws the plot. Raises Invalid."""
     from rorg.tools.sim.plots import draw_sweep, save
 
     note = f"Simulated, seed {trial.seed}; synthetic weights: {trial.workload.name}."
-    save(lambda: draw_sweep(found, trial.trace.name, note), file)
+    save(lambda: draw_sweep(variants, trial.trace.name, note), file)
 
 
-def show(found: Sequence[Tried], output: str) -> None:
+def show(variants: Sequence[Tried], output: str) -> None:
     """Prints a table. Response times (mean, median, 95th percentile) are of the requests that take any time in at least
     one variant; efficient: no other variant is better in CPU, memory and mean response time."""
-    full = [one.as_json() for one in found]
+    full = [one.as_json() for one in variants]
     rows = [
         {
             **one,
@@ -237,13 +237,13 @@ def show(found: Sequence[Tried], output: str) -> None:
     print_rows(rows, output, SHOWN, ALSO, full=full)
 
 
-def write_csv(found: Sequence[Tried], file: Path) -> None:
+def write_csv(variants: Sequence[Tried], file: Path) -> None:
     """Writes a line for each variant, with a column for each setting. Raises Invalid."""
     import csv
 
-    rows = [{**one.as_json(), **one.variant.settings} for one in found]
-    settings = dict.fromkeys(key for one in found for key in one.variant.settings)
-    columns = ["run", *settings, *(key for key in found[0].as_json() if key not in ("run", "settings"))]
+    rows = [{**one.as_json(), **one.variant.settings} for one in variants]
+    settings = dict.fromkeys(key for one in variants for key in one.variant.settings)
+    columns = ["run", *settings, *(key for key in variants[0].as_json() if key not in ("run", "settings"))]
     with disk_errors(f"write {file}", "another file"), file.open("w", newline="") as to:
         writer = csv.DictWriter(to, columns, extrasaction="ignore", lineterminator="\n")
         writer.writeheader()

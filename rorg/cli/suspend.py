@@ -27,5 +27,7 @@ def command(
     robot = operating(context)
     robot.suspend(None if end else {"duration": format_duration(duration or 0.0), "reason": reason})
     text = "no longer suspended" if end else f"suspended for {format_seconds(duration or 0.0)}"
-    found = {"suspended": not end, "seconds": None if end else duration, "reason": reason}
-    print_rows([{"name": "rorg", **found}], output, ("name", "suspended", "seconds", "reason"), full=found, text=text)
+    suspension = {"suspended": not end, "seconds": None if end else duration, "reason": reason}
+    print_rows(
+        [{"name": "rorg", **suspension}], output, ("name", "suspended", "seconds", "reason"), full=suspension, text=text
+    )

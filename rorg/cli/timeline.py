@@ -37,11 +37,11 @@ def command(
     """
     begin, end = since or moment(DAY), until or moment(NOW)
     with records_of(context) as records:
-        found = records.timeline(service, begin, end)
-    if not found["spans"]:
+        timeline = records.timeline(service, begin, end)
+    if not timeline["spans"]:
         raise Missing(f"show what {service} went through", "nothing is on record of it", "`rorg get` for all names")
     if output in ("table", "wide"):
-        echo("\n".join(chart(found["end"], found["spans"], _width())) + "\n")
+        echo("\n".join(chart(timeline["end"], timeline["spans"], _width())) + "\n")
     rows = [
         {
             "from": _time(span["begin"]),
@@ -51,9 +51,9 @@ def command(
             "why": span["why"] or "-",
             "who": span["who"] or "-",
         }
-        for span in (found["spans"][-tail:] if tail else [])
+        for span in (timeline["spans"][-tail:] if tail else [])
     ]
-    print_rows(rows, output, ("from", "for", "state", "why", "who"), ("to",), full=found, below=("why",))
+    print_rows(rows, output, ("from", "for", "state", "why", "who"), ("to",), full=timeline, below=("why",))
 
 
 def chart(end: str, spans: Sequence[dict[str, Any]], width: int) -> list[str]:

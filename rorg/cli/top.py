@@ -38,8 +38,8 @@ def _print(context: Context, output: str, seconds: float) -> None:
     client = context.serving("look at what runs")
     before = client.usage()
     time.sleep(seconds)
-    found = look(before, client.usage(), client.status())
-    found["services"] = [row for row in found["services"] if row["alive"]]
-    rows = [cells_of(row) for row in found["services"]]
-    text = "\n".join([table(rows, COLUMNS), *header(found)])
-    print_rows(rows, output, COLUMNS, full=found, text=text)
+    snapshot = look(before, client.usage(), client.status())
+    snapshot["services"] = [row for row in snapshot["services"] if row["alive"]]
+    rows = [cells_of(row) for row in snapshot["services"]]
+    text = "\n".join([table(rows, COLUMNS), *header(snapshot)])
+    print_rows(rows, output, COLUMNS, full=snapshot, text=text)

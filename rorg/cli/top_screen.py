@@ -106,14 +106,14 @@ class Screen:
         if deed.verb == "restart":
             return f"restart of {', '.join(robot.restart(name, deed.force))} requested"
         names = {name, *(g["name"] for g in self.client.groups() if name in g["services"])}
-        found = [r for r in self.client.requests() if names & set(r["services"]) and not r["standing"]]
-        if not found:
+        requests = [r for r in self.client.requests() if names & set(r["services"]) and not r["standing"]]
+        if not requests:
             return f"no request that can be released names {name}"
-        told = ", ".join(map(_told, found))
+        told = ", ".join(map(_told, requests))
         if not deed.force:
             self.view = ask(self.view, f"Release {told}?", deed._replace(force=True))
             return ""
-        for request in found:
+        for request in requests:
             robot.release(request["id"], request["requester"])
         return f"released: {told}"
 

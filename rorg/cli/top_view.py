@@ -61,8 +61,8 @@ class View:
 
     def rows(self, services: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
         """The rows to show, in order."""
-        found = [row for row in services if self.filter in row["service"]]
-        return sorted(found, key=lambda r: (0 if self.sort == "service" else -r[self.sort], r["service"]))
+        rows = [row for row in services if self.filter in row["service"]]
+        return sorted(rows, key=lambda r: (0 if self.sort == "service" else -r[self.sort], r["service"]))
 
     def chosen(self, names: Sequence[str]) -> str:
         """The service that keys act on; the first one if the chosen one is gone."""
@@ -154,19 +154,19 @@ def look(before: Usage, now: Usage, status: dict[str, Any]) -> dict[str, Any]:
 # -- drawing ---------------------------------------------------------------------------------------------------
 
 
-def header(found: Mapping[str, Any]) -> list[str]:
+def header(snapshot: Mapping[str, Any]) -> list[str]:
     """One line each: the engine if it does not answer, the machine, its pressure and budget."""
-    machine, pressure = found["machine"], found["pressure"]
+    machine, pressure = snapshot["machine"], snapshot["pressure"]
     budget = pressure.get("budget") or {}
     parts = [
         f"CPU {budget['cpu']:g} cores" if budget.get("cpu") else "",
         f"memory {format_memory(budget['memory'])}" if budget.get("memory") else "",
     ]
     measures = f"{pressure['reason']} ({', '.join(pressure['measures'])})" if pressure["measures"] else "none"
-    silent = found.get("engine", {}).get("silent_since")
+    silent = snapshot.get("engine", {}).get("silent_since")
     return [
-        *([found["engine"]["error"]] if silent else ()),
-        f"{found['alive']} alive; CPU {machine['cpu']:.2f} of {machine['cores']:g} cores, memory "
+        *([snapshot["engine"]["error"]] if silent else ()),
+        f"{snapshot['alive']} alive; CPU {machine['cpu']:.2f} of {machine['cores']:g} cores, memory "
         f"{format_memory(machine['memory'])} of {format_memory(machine['memory_total'])}",
         f"waiting for CPU {machine['cpu_some']:.0f} %, for memory {machine['memory_some']:.0f} %; "
         f"budget {', '.join(filter(None, parts)) or 'none'}; pressure: {measures}",
@@ -191,16 +191,16 @@ def fitting(rows: Sequence[Mapping[str, Any]], width: int) -> tuple[str, ...]:
     return tuple(shown)
 
 
-def frame(view: View, found: Mapping[str, Any] | None, width: int, height: int) -> list[list[tuple[str, str]]]:
+def frame(view: View, snapshot: Mapping[str, Any] | None, width: int, height: int) -> list[list[tuple[str, str]]]:
     """The lines of the screen, at most `height`: pieces of text with their styles."""
     if view.help:
         return [[(f"{key:<16}", "bold"), (text, "")] for key, text in KEYS][:height]
     text, style = _last_line(view)
     last = [[(line, style)] for line in textwrap.wrap(text, width) or [""]][:height]
-    if found is None:
+    if snapshot is None:
         return last
-    head = [[(line, "bold")] for text in header(found) for line in textwrap.wrap(printable(text), width)]
-    rows = view.rows(found["services"])
+    head = [[(line, "bold")] for text in header(snapshot) for line in textwrap.wrap(printable(text), width)]
+    rows = view.rows(snapshot["services"])
     names = [row["service"] for row in rows]
     chosen = view.chosen(names)
     room = max(1, height - len(head) - 1 - len(last))

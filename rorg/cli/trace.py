@@ -84,17 +84,17 @@ def _recorded(since: str, until: str, name: str, context: Context) -> Trace:
     from rorg.model.trace import Trace, TraceEvent
 
     with records_of(context) as records:
-        found = records.requested(since, until)
-    if found["unknown"]:
-        note(f"{counted(found['unknown'], 'request')} left out: an earlier rorg did not record what they name")
-    begin = parse_time(found["begin"])
+        recording = records.requested(since, until)
+    if recording["unknown"]:
+        note(f"{counted(recording['unknown'], 'request')} left out: an earlier rorg did not record what they name")
+    begin = parse_time(recording["begin"])
 
     def after(at: str) -> float:
         return round((parse_time(at) - begin) * PARTS) / PARTS
 
-    events = [TraceEvent(after(r["at"]), r["requester"], r["id"], tuple(r["services"])) for r in found["requests"]]
-    text = f"Recorded from {found['begin']} to {found['end']}."
-    return Trace(name, after(found["end"]), tuple(events), text)
+    events = [TraceEvent(after(r["at"]), r["requester"], r["id"], tuple(r["services"])) for r in recording["requests"]]
+    text = f"Recorded from {recording['begin']} to {recording['end']}."
+    return Trace(name, after(recording["end"]), tuple(events), text)
 
 
 def _write(trace: Trace, file: Path | None) -> None:
@@ -113,7 +113,7 @@ def _show(file: Path, output: str) -> None:
     from rorg.tools.sim.report import activities
 
     trace = read_trace(file)
-    found = activities(trace)
+    statistics = activities(trace)
     requesters = sorted({event.requester for event in trace.events})
     if output in ("table", "wide"):
         echo(f"{trace.name}: {trace.description}" if trace.description else trace.name)
@@ -130,7 +130,7 @@ def _show(file: Path, output: str) -> None:
             "min": format_seconds(min(one.lengths)),
             "max": format_seconds(max(one.lengths)),
         }
-        for one in found
+        for one in statistics
     ]
     full = {
         "name": trace.name,
@@ -138,6 +138,6 @@ def _show(file: Path, output: str) -> None:
         "duration": trace.duration,
         "events": len(trace.events),
         "requesters": requesters,
-        "activities": [one.as_json() for one in found],
+        "activities": [one.as_json() for one in statistics],
     }
     print_rows(rows, output, ("name", "kind", "by", "times", "share", "mean", "min", "max"), full=full)

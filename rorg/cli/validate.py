@@ -105,10 +105,10 @@ def findings(
     told = [*loaded.diagnostics, *(_on_this_machine(loaded, engine) if machine else ())]
     known = {(d.where, d.message) for d in told}  # the remedy may differ between robots
     for name in robots:
-        found = load(root, engine=engine, robot=name)
-        masker.learn(found.read)
-        here = _on_this_machine(found, engine) if machine else ()
-        told += [d.on(name) for d in (*found.diagnostics, *here) if (d.where, d.message) not in known]
+        overlaid = load(root, engine=engine, robot=name)
+        masker.learn(overlaid.read)
+        here = _on_this_machine(overlaid, engine) if machine else ()
+        told += [d.on(name) for d in (*overlaid.diagnostics, *here) if (d.where, d.message) not in known]
     return sorted(d for d in told if hints or d.severity != HINT), loaded, len(robots)
 
 
@@ -124,14 +124,14 @@ def _on_this_machine(loaded: Loaded, engine: str) -> list[Diagnostic]:
     if loaded.catalog is None or loaded.sources is None:
         return []
     devices = {d for s in loaded.catalog.services.values() for d in s.devices}
-    found = replace(gather(named_paths(loaded.catalog, loaded.sources)), plugged=look(devices))
+    machine = replace(gather(named_paths(loaded.catalog, loaded.sources)), plugged=look(devices))
     if engine != "process":
         facts = engine_facts()
         if facts.error:
             note(f"the engine at {facts.host} does not answer, and is not checked: {facts.error}")
         else:
-            found = replace(found, runtimes=facts.runtimes)
-    return check_machine(loaded.catalog, loaded.sources, found)
+            machine = replace(machine, runtimes=facts.runtimes)
+    return check_machine(loaded.catalog, loaded.sources, machine)
 
 
 def _followed(told: dict[str, Any], output: str) -> None:
@@ -142,15 +142,15 @@ def _followed(told: dict[str, Any], output: str) -> None:
     note(f"ok: {told['root']}, as the running rorg reads it")
 
 
-def _tell(found: list[dict[str, Any]], output: str) -> None:
+def _tell(diagnostics: list[dict[str, Any]], output: str) -> None:
     if output == SARIF:
         from rorg import __version__
         from rorg.manifest.validation.codes import CODES
 
-        return dump(sarif(found, CODES, __version__), "json")
+        return dump(sarif(diagnostics, CODES, __version__), "json")
     if output != "table":
-        print_rows(found, output, ("file", "line", "column", "severity", "message", "remedy", "code"))
-    for diagnostic in found if output == "table" else ():
+        print_rows(diagnostics, output, ("file", "line", "column", "severity", "message", "remedy", "code"))
+    for diagnostic in diagnostics if output == "table" else ():
         note(line(diagnostic))
 
 
@@ -165,13 +165,13 @@ FORM = "form"
 """The rule for findings without a code."""
 
 
-def sarif(found: Sequence[Mapping[str, Any]], codes: Mapping[str, Any], version: str) -> dict[str, Any]:
+def sarif(diagnostics: Sequence[Mapping[str, Any]], codes: Mapping[str, Any], version: str) -> dict[str, Any]:
     """Findings as SARIF 2.1.0, the Static Analysis Results Interchange Format of OASIS, which code hosts show at the
-    lines. `found`: diagnostics as JSON; `codes`: code -> severity, cause and remedy. Paths stay relative to the current
+    lines. `diagnostics` are JSON; `codes`: code -> severity, cause and remedy. Paths stay relative to the current
     directory."""
-    used = sorted({str(f["code"]) or FORM for f in found})
+    used = sorted({str(f["code"]) or FORM for f in diagnostics})
     driver = {"name": "rorg", "version": version, "rules": [_rule(code, codes) for code in used]}
-    results = [_result(f, used.index(str(f["code"]) or FORM)) for f in found]
+    results = [_result(f, used.index(str(f["code"]) or FORM)) for f in diagnostics]
     run = {"tool": {"driver": driver}, "columnKind": "unicodeCodePoints", "results": results}
     return {"$schema": SCHEMA, "version": "2.1.0", "runs": [run]}
 
@@ -188,15 +188,15 @@ def _rule(code: str, codes: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _result(found: Mapping[str, Any], rule: int) -> dict[str, Any]:
+def _result(diagnostic: Mapping[str, Any], rule: int) -> dict[str, Any]:
     place = {
-        "artifactLocation": {"uri": quote(str(found["file"]))},
-        "region": {"startLine": found["line"], "startColumn": found["column"]},
+        "artifactLocation": {"uri": quote(str(diagnostic["file"]))},
+        "region": {"startLine": diagnostic["line"], "startColumn": diagnostic["column"]},
     }
     return {
-        "ruleId": found["code"] or FORM,
+        "ruleId": diagnostic["code"] or FORM,
         "ruleIndex": rule,
-        "level": LEVELS.get(str(found["severity"]), found["severity"]),
-        "message": {"text": f"{found['message']}{advice(found['remedy'])}"},
+        "level": LEVELS.get(str(diagnostic["severity"]), diagnostic["severity"]),
+        "message": {"text": f"{diagnostic['message']}{advice(diagnostic['remedy'])}"},
         "locations": [{"physicalLocation": place}],
     }

@@ -19,16 +19,17 @@ def command(context: RobotEngine, service: ServiceName, output: Output = "table"
     Example: rorg why navigation
     """
     # The running rorg answers even if the manifests on the disk have mistakes.
-    found = operating(context).why(service)
+    explanations = operating(context).why(service)
     rows = [
-        {**e, "waits": "; ".join(e["waits"]), "because": " < ".join(c["service"] for c in e["chain"])} for e in found
+        {**e, "waits": "; ".join(e["waits"]), "because": " < ".join(c["service"] for c in e["chain"])}
+        for e in explanations
     ]
     print_rows(
         rows,
         output,
         ("service", "wanted", "state", "because", "waits"),
-        full=found[0] if len(found) == 1 else found,
-        text="\n".join(line for entry in found for line in _lines(entry)),
+        full=explanations[0] if len(explanations) == 1 else explanations,
+        text="\n".join(line for entry in explanations for line in _lines(entry)),
     )
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from rorg.core.plan import Action, Plan
 from rorg.core.rollout import fits
 from rorg.core.situation import Situation
+from rorg.model.causes import causes
 from rorg.model.codes import BLOCKED, IMAGE, NO_IMAGE
 
 APPLYING, BAKING, GOOD, FAILED = "applying", "baking", "good", "failed"
@@ -78,7 +79,7 @@ def _baked(situation: Situation, name: str) -> bool:
 
 
 def _told(failed: Mapping[str, str]) -> Standing:
-    return Standing(FAILED, "; ".join(f"{name}: {why}" for name, why in failed.items()))
+    return Standing(FAILED, "; ".join(map(str, causes(failed.items()))))
 
 
 def _undone(situation: Situation) -> dict[str, str]:
