@@ -69,7 +69,7 @@ class Readiness:
 
     @property
     def reason(self) -> str:
-        """Why the first service that is not ready is not, with the others of the same cause."""
+        """The first reason why a service is not ready, with all services that have it; empty if all are ready."""
         found = causes((n, r.reason) for n, r in self.services.items() if not r.ready)
         return self.suspended or str(found[0]) if found else ""
 

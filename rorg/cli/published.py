@@ -51,8 +51,7 @@ def failure(failed: Mapping[str, str]) -> str:
 
 
 def unready(view: dict[str, Any], names: Iterable[str]) -> str:
-    """Why the first of these services that is not ready is not, with the others of the same cause; empty if all are
-    ready."""
+    """The first reason why one of these services is not ready, with all that have it; empty if all are ready."""
     readiness = late(view, names)
     return str(view.get("suspended") or readiness[0]) if readiness else ""
 

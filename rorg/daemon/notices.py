@@ -31,7 +31,7 @@ Subject = tuple[str, str]
 
 @dataclass(frozen=True, slots=True)
 class Notification:
-    """What a target is told."""
+    """One message to a target."""
 
     robot: str
     kind: str
@@ -55,7 +55,7 @@ class Notification:
 
 @dataclass(frozen=True, slots=True)
 class Notices:
-    """What one target has been told lately, and what it will be told. `at` is seconds of the clock."""
+    """The notifications that one target has had lately, and those that wait. Times are seconds of the clock."""
 
     sent: Mapping[Subject, float] = field(default_factory=dict)
     """When each was last sent, within the target's `every`."""

@@ -1,5 +1,5 @@
 """Tells the targets of the Policy what goes wrong. The journal is their queue, and each has a thread of its own: one
-that hangs delays neither the loop nor another one."""
+that hangs delays neither the loop nor another target."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from rorg.model.policy import NotifyTarget, Webhook
 from rorg.model.units import counted
 
 MOST = 200
-"""Entries that a target is told after it was busy: the newest ones."""
+"""Entries that a target gets after it was busy: the newest ones."""
 PAUSES = (1.0, 4.0)
 """Seconds before the second and the third attempt. While a target fails, there is only one."""
 WAKING = frozenset({*KINDS, "tree-accepted"})
@@ -90,9 +90,9 @@ class Sender:
         """One attempt. Raises Undelivered."""
         target = self.target
         if target.webhook is None:
-            variables = {"ROBOT": one.robot, "KIND": one.kind, "SERVICE": one.service, "MESSAGE": one.message}
-            told = {f"RORG_NOTIFY_{name}": value for name, value in variables.items()}
-            run(target.command, body(one, None)[0] + b"\n", told, target.timeout, self.stopping)
+            fields = {"ROBOT": one.robot, "KIND": one.kind, "SERVICE": one.service, "MESSAGE": one.message}
+            variables = {f"RORG_NOTIFY_{name}": value for name, value in fields.items()}
+            run(target.command, body(one, None)[0] + b"\n", variables, target.timeout, self.stopping)
         else:
             text, media = body(one, target.webhook.template)
             post(_url(target.webhook), text, _headers(target.webhook, media), target.timeout)
@@ -136,7 +136,7 @@ class Notifier:
         self.targets, self.robot, self.recorder, self.changed = targets, robot, recorder, changed
         self._senders: dict[str, Sender] = {}
         self._seq = recorder.journal.last
-        """The last entry when the Policy was looked at: a new target is told what comes after it."""
+        """The last entry when the Policy was looked at: a new target gets what comes after it."""
         self._woken, self._stop = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._run, name="notify", daemon=True)
 

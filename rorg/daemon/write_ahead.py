@@ -25,7 +25,7 @@ class WriteAhead:
         return read_kept(self.state.path)
 
     def write(self, before: Kept, decision: Decision) -> None:
-        """Write what a decision needs. A disk that refuses is told, and does not stop the robot."""
+        """Write what a decision needs. If the disk refuses, rorg reports it, and the robot goes on."""
         kept = decision.memory.kept
         try:
             if not self._bound and (decision.begin or decision.situation.observed.containers):

@@ -1,4 +1,4 @@
-"""What is known of the engine's containers, from looks that may overtake each other, events and calls under way. The
+"""The known state of the engine's containers, from looks that may overtake each other, events and calls under way. The
 cache never asks the engine; its observer does."""
 
 from __future__ import annotations

@@ -55,7 +55,7 @@ class Webhook(Strict):
         "Where to post: an http:// or https:// URL. No redirect is followed.", "https://ntfy.example.org/nora"
     )
     url_file: Absolute | None = field(
-        "A file of the robot whose first line is the URL, instead of `url`: whoever knows the URL of a Slack webhook "
+        "A file of the robot whose first line is the URL, instead of `url`: anyone with the URL of a Slack webhook "
         "can post there.",
         "/etc/rorg/slack.url",
     )

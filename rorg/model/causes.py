@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 SHOWN = 3
 """Services that are named of a larger group."""
@@ -18,8 +18,7 @@ _OWN = (
 of the next one."""
 
 
-@dataclass(frozen=True, slots=True)
-class Cause:
+class Cause(NamedTuple):
     """A reason, and the services that have it."""
 
     names: tuple[str, ...]
