@@ -86,9 +86,9 @@ def _errors(app: FastAPI) -> None:
     @app.exception_handler(HTTPException)
     async def http(request: Request, error: HTTPException) -> JSONResponse:
         code = {404: "not-found", 405: "no-such-method"}.get(error.status_code, "invalid")
-        found = problem(error.status_code, code, f"cannot {request.method} {request.url.path}", str(error.detail))
-        found.headers.update(error.headers or {})
-        return found
+        response = problem(error.status_code, code, f"cannot {request.method} {request.url.path}", str(error.detail))
+        response.headers.update(error.headers or {})
+        return response
 
     @app.exception_handler(Exception)
     async def bug(request: Request, error: Exception) -> JSONResponse:

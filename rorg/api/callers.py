@@ -20,13 +20,13 @@ Requester = Annotated[str | None, Query(description="In whose name; by default t
 def caller_of(request: Request) -> Caller:
     """The caller behind the connection, as the server found out; or the one for whom it acts. Raises Forbidden if the
     manifests do not allow it now."""
-    found: Caller = getattr(request.state, "caller", Caller())
-    if found.kind != "service":
-        return found
+    caller: Caller = getattr(request.state, "caller", Caller())
+    if caller.kind != "service":
+        return caller
     catalog = request.app.state.operations.catalog
-    allow_call(found, catalog)
+    allow_call(caller, catalog)
     requester = request.query_params.get("requester")
-    return found if requester in (None, found.service) else acting(found, requester, catalog)
+    return caller if requester in (None, caller.service) else acting(caller, requester, catalog)
 
 
 Who = Annotated[Caller, Depends(caller_of)]

@@ -57,12 +57,12 @@ def put_request(current: Current, request: Request) -> Change:
     return Change(edit, "request", told, request.services, about)
 
 
-def _refuse(request: Request, found: Sequence[Problem]) -> None:
+def _refuse(request: Request, obstacles: Sequence[Problem]) -> None:
     """Raises an error that names the problems, if there are any."""
-    if found:
-        kind = Invalid if found[0].mistaken else Refused
+    if obstacles:
+        kind = Invalid if obstacles[0].mistaken else Refused
         names = ", ".join(request.services[:MOST_TOLD])
-        raise kind(f"request {names}", "; ".join(p.cause for p in found), found[0].remedy)
+        raise kind(f"request {names}", "; ".join(p.cause for p in obstacles), obstacles[0].remedy)
 
 
 def release(key: tuple[str, str], current: Current | None = None) -> Change:
@@ -116,14 +116,14 @@ def retry(current: Current, body: RetryBody, now: float) -> Change:
     of its set that keep it from its own change. Raises Missing; Refused for a name without a failed change;
     Unconfirmed, without `force`, if it replaces a driver or restarts other services."""
     desired, memory = current.decision.situation.desired, current.decision.memory
-    found: list[str] = []
+    services: list[str] = []
     for name in body.services:
         own = [s for s in current.containers_of(name) if memory.of(s.name).update.failed]
         if not own:
             raise Refused(f"retry {name}", "no change of it failed", "`rorg get` for those of which one did")
         sets = (desired.sets.get(s.update.atomic, ()) if memory.of(s.name).update.drawn else () for s in own)
-        found += [*(s.name for s in own), *(m for mates in sets for m in mates if memory.of(m).update.failed)]
-    names = tuple(dict.fromkeys(found))
+        services += [*(s.name for s in own), *(m for mates in sets for m in mates if memory.of(m).update.failed)]
+    names = tuple(dict.fromkeys(services))
     if not body.force:
         _ask(f"retry {', '.join(body.services)}", by_restart(current.decision.situation, memory, names))
 
@@ -148,15 +148,15 @@ def hold(current: Current, body: HoldsBody, now: float) -> Change:
     """Holds services and groups, all of them or none, from `now` (seconds since the epoch); without a duration, ends
     their holds. Raises Missing; Invalid for what has no container; Unconfirmed, without `force`, if it stops a driver
     or other services."""
-    found: list[str] = []
+    services: list[str] = []
     seconds = seconds_of(body.duration, "duration")
     for name in body.services:
         own = [s.name for s in current.containers_of(name)]
         if not own:
             cause = "a meta-service has no container to stop"
             raise Invalid(f"hold {name}", cause, "the services that it requests")
-        found += own
-    names = tuple(dict.fromkeys(found))
+        services += own
+    names = tuple(dict.fromkeys(services))
     if seconds is not None and not body.force:
         _ask(f"hold {', '.join(body.services)}", by_hold(current.decision.situation, current.decision.memory, names))
 

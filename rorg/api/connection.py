@@ -133,8 +133,8 @@ class Connection(HttpToolsProtocol):
         if self.cycle is not None and not self.cycle.response_complete:
             self.transport.abort()
             return
-        found = problem(self._refusal.status, self._refusal.code, "cannot read the request", self._refusal.cause)
-        body = bytes(found.body)
+        response = problem(self._refusal.status, self._refusal.code, "cannot read the request", self._refusal.cause)
+        body = bytes(response.body)
         head = f"HTTP/1.1 {self._refusal.status} \r\ncontent-type: application/problem+json\r\n"
         self.transport.write(f"{head}content-length: {len(body)}\r\nconnection: close\r\n\r\n".encode() + body)
         self.transport.close()

@@ -29,10 +29,10 @@ class Current:
 
     def members(self, name: str) -> tuple[str, ...]:
         """The services that a name stands for. Raises Missing."""
-        found = self.catalog.members(name)
-        if not found:
+        members = self.catalog.members(name)
+        if not members:
             raise missing(name, {*self.catalog.services, *self.catalog.groups})
-        return found
+        return members
 
     def containers_of(self, name: str) -> list[Service]:
         """Those that have containers, among the services that a name stands for. Raises Missing."""

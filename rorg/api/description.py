@@ -44,26 +44,26 @@ def _events(journal: Journal, service: str) -> list[dict[str, Any]]:
 def declared(current: Current, name: str) -> dict[str, Any]:
     """A service as its manifest declares it, with its status; of its environment only the names."""
     services, status = current.catalog.services, current.statuses[name]
-    found = services[name]
-    spec = {k: v for k, v in (found.spec or {}).items() if k != "environment"}
-    spec["environment"] = sorted((found.spec or {}).get("environment", {}))
+    service = services[name]
+    spec = {k: v for k, v in (service.spec or {}).items() if k != "environment"}
+    spec["environment"] = sorted((service.spec or {}).get("environment", {}))
     return {
         "name": name,
         "message": status.trouble,
-        "description": found.description,
-        "labels": dict(found.labels),
-        "manifest": str(found.where),
-        "needs": list(found.needs),
-        "conflicts": list(found.conflicts),
-        "always_on": found.always_on,
-        "idle": {"action": found.idle.action, "linger": found.idle.linger, "connected": found.idle.connected},
-        "restart": found.restart,
-        "priority": found.priority,
-        "driver": found.driver,
+        "description": service.description,
+        "labels": dict(service.labels),
+        "manifest": str(service.where),
+        "needs": list(service.needs),
+        "conflicts": list(service.conflicts),
+        "always_on": service.always_on,
+        "idle": {"action": service.idle.action, "linger": service.idle.linger, "connected": service.idle.connected},
+        "restart": service.restart,
+        "priority": service.priority,
+        "driver": service.driver,
         "needed_by": sorted(s.name for s in services.values() if name in s.needs),
         "status": status.as_json(),
         "container": spec,
-        "sources": dict(found.origins),
+        "sources": dict(service.origins),
     }
 
 
@@ -88,5 +88,5 @@ def add_description(app: FastAPI, operations: Operations) -> None:
     def description(name: str) -> Response:
         """Everything about a service, or each of a group: its declaration and where that comes from, its state, its
         last events and the last lines of its log. Of environments only the names."""
-        found = describe(operations.current, name, operations.journal, lambda: operations.engine)
-        return Response(json.dumps(found), media_type="application/json")
+        descriptions = describe(operations.current, name, operations.journal, lambda: operations.engine)
+        return Response(json.dumps(descriptions), media_type="application/json")

@@ -40,10 +40,10 @@ def add_diffing(app: FastAPI, operations: Operations) -> None:
             async with reading:
                 name = for_git(rev, Revisions(operations.recorder.history))
                 past = await asyncio.to_thread(load_at, operations.tree, name)
-            found = differences(operations, unified, past)
+            answer = differences(operations, unified, past)
         else:
-            found = differences(operations, unified)
-        return Response(json.dumps(found), media_type="application/json")
+            answer = differences(operations, unified)
+        return Response(json.dumps(answer), media_type="application/json")
 
 
 async def _look(operations: Operations) -> None:

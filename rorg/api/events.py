@@ -115,8 +115,8 @@ def _begin(journal: Journal, meant: Filter, tail: int) -> int:
     if meant == Filter():
         return max(0, journal.last - tail)
     last = journal.last
-    found = journal.select(meant, tail, newest=True) if tail else []
-    return found[0]["seq"] - 1 if found else last
+    entries = journal.select(meant, tail, newest=True) if tail else []
+    return entries[0]["seq"] - 1 if entries else last
 
 
 async def _lines(
@@ -139,11 +139,11 @@ async def _lines(
             with contextlib.suppress(Busy):
                 allowed()
             last = journal.last
-            found = journal.select(meant, SLICE)
-            seen = found[-1]["seq"] if found else 0
-            meant = replace(meant, after=seen if len(found) == SLICE else max(meant.after, last, seen))
-            if found:
-                told = _own(operations, found, whose) if whose else found
+            entries = journal.select(meant, SLICE)
+            seen = entries[-1]["seq"] if entries else 0
+            meant = replace(meant, after=seen if len(entries) == SLICE else max(meant.after, last, seen))
+            if entries:
+                told = _own(operations, entries, whose) if whose else entries
                 if told:
                     yield b"".join(json.dumps(entry).encode() + b"\n" for entry in told)
                 await asyncio.sleep(0)  # lets other calls run, and notices a caller who hung up
@@ -193,10 +193,10 @@ def own_events(
     line names, only the requester's own are kept, by their ids."""
     named = {s for r in requests if r.requester == requester for s in r.services}
     services = {requester, *named, *closure(catalog.services, [m for s in named for m in catalog.members(s)])}
-    found = []
+    events = []
     for entry in entries:
         mine = [text.partition("/")[2] for text in entry.get("requests", ()) if text.startswith(f"{requester}/")]
         about = {entry.get("service"), *entry.get("services", ()), *entry.get("shed", ())}
         if mine or about & services:
-            found.append({**entry, "requests": mine} if "requests" in entry else dict(entry))
-    return found
+            events.append({**entry, "requests": mine} if "requests" in entry else dict(entry))
+    return events

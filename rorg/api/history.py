@@ -110,14 +110,14 @@ def _add_export(app: FastAPI, operations: Operations) -> None:
         after its length (application/x-protobuf)."""
         if len(under_way) >= MOST_EXPORTS:
             raise TooMany("export the history", f"{MOST_EXPORTS} exports are being written already", "again later", 5)
-        found, encode = queries.records(operations.journal, _revisions(operations)), ENCODERS[format]
+        records, encode = queries.records(operations.journal, _revisions(operations)), ENCODERS[format]
 
         async def pieces(hangup: asyncio.Future[None]) -> AsyncGenerator[bytes, None]:
             token = object()
             under_way.add(token)
             try:
                 while not hangup.done() and not operations.ending:
-                    piece = await asyncio.to_thread(_piece, found, encode)
+                    piece = await asyncio.to_thread(_piece, records, encode)
                     if not piece:
                         return
                     yield piece
@@ -131,5 +131,5 @@ def _revisions(operations: Operations) -> Revisions:
     return Revisions(operations.recorder.history)
 
 
-def _piece(found: Iterator[dict[str, Any]], encode: Any) -> bytes:
-    return b"".join(map(encode, islice(found, SLICE)))
+def _piece(records: Iterator[dict[str, Any]], encode: Any) -> bytes:
+    return b"".join(map(encode, islice(records, SLICE)))

@@ -147,9 +147,9 @@ class Accounts:
         return self._one(caller.identity, UNLIMITED if caller.kind == "developer" else SHARE)
 
     def of_service(self, name: str) -> Account:
-        found = self._one(name, SHARE)
-        found.closed = False
-        return found
+        account = self._one(name, SHARE)
+        account.closed = False
+        return account
 
     def _one(self, name: str, share: float) -> Account:
         if name not in self._found:

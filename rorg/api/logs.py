@@ -84,8 +84,8 @@ def has_log(named: Sequence[str], asked: Asked, find: Find) -> None:
 def entry_json(entry: Entry) -> dict[str, Any]:
     """As LogView."""
     text = entry.text.decode("utf-8", errors="surrogateescape")
-    found = {"cursor": entry.cursor, "time": entry.time, "text": text, "error": entry.error}
-    return {"service": entry.service, **{key: value for key, value in found.items() if value}}
+    fields = {"cursor": entry.cursor, "time": entry.time, "text": text, "error": entry.error}
+    return {"service": entry.service, **{key: value for key, value in fields.items() if value}}
 
 
 def add_logs(app: FastAPI, operations: Operations) -> None:
@@ -142,15 +142,15 @@ async def _lines(
                 turn = operations.next_pass()
                 with contextlib.suppress(Busy):
                     allowed()
-                found, over = entries.take()
+                lines, over = entries.take()
                 silence = str(operations.decision.situation.observed.silence or "")
                 if silence and silence != told:
-                    found.append(Entry("", error=silence))
+                    lines.append(Entry("", error=silence))
                 told = silence
                 if silence and not asked.follow:
                     over = True
-                if found:
-                    yield b"".join(json.dumps(entry_json(entry)).encode() + b"\n" for entry in found)
+                if lines:
+                    yield b"".join(json.dumps(entry_json(entry)).encode() + b"\n" for entry in lines)
                     await asyncio.sleep(0)  # lets other calls run, and notices a caller who hung up
                 elif over:
                     return

@@ -68,15 +68,15 @@ def recover(root: Path, note: Path) -> tuple[ManifestChange, str] | None:
     if now == change.after:
         wait_for_locks(root, begun)
         done = committed(root, path) or commit(root, path, change.author, change.message)
-        found = "finished" if done else "written, but not committed: git refuses"
+        outcome = "finished" if done else "written, but not committed: git refuses"
     else:
-        found = (
+        outcome = (
             "undone: nothing had been written"
             if now == change.before
             else "left as it is: someone has changed it since"
         )
     note.unlink()
-    return change, found
+    return change, outcome
 
 
 def _noted(note: Path) -> tuple[ManifestChange | None, float]:
@@ -103,8 +103,8 @@ def _write(path: Path, text: str) -> None:
         write_atomic(path, text, mode=stat.S_IMODE(before.st_mode), owner=_owner(before))
 
 
-def _owner(found: os.stat_result) -> tuple[int, int]:
-    return found.st_uid, found.st_gid
+def _owner(stat_result: os.stat_result) -> tuple[int, int]:
+    return stat_result.st_uid, stat_result.st_gid
 
 
 def digest(content: bytes) -> str:

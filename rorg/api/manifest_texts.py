@@ -29,22 +29,22 @@ class Kept(NamedTuple):
 
 def manifests_of(root: Path) -> dict[tuple[str, str], Kept]:
     """(kind, name) -> every manifest that can be read at all."""
-    found: dict[tuple[str, str], Kept] = {}
+    manifests: dict[tuple[str, str], Kept] = {}
     for path in manifest_files(root):
         with contextlib.suppress(OSError):  # loading the manifests reports it; or the file has just gone
-            found |= manifests_in(path, read_bytes(path, root))
-    return found
+            manifests |= manifests_in(path, read_bytes(path, root))
+    return manifests
 
 
 def manifests_in(path: Path, content: bytes) -> dict[tuple[str, str], Kept]:
     """(kind, name) -> every manifest of a file."""
-    found, documents = {}, read_documents(content.decode("utf-8", errors="replace"), str(path))
+    manifests, documents = {}, read_documents(content.decode("utf-8", errors="replace"), str(path))
     for text, document, _ in documents:
         value = document.value if document else None
         if isinstance(value, dict) and isinstance(value.get("metadata"), dict):
             alone = content if len(documents) == 1 else text.encode()
-            found[str(value.get("kind")), str(value["metadata"].get("name"))] = Kept(path, alone, content)
-    return found
+            manifests[str(value.get("kind")), str(value["metadata"].get("name"))] = Kept(path, alone, content)
+    return manifests
 
 
 def file_with(kept: Kept, kind: str, name: str, text: str | None) -> str | None:

@@ -66,10 +66,10 @@ class Manifests:
 
     def one(self, kind: str, name: str) -> Kept:
         """A manifest. Raises Missing."""
-        found = manifests_of(self.root).get((kind, name))
-        if found is None:
+        manifest = manifests_of(self.root).get((kind, name))
+        if manifest is None:
             raise Missing(f"find the {kind} '{name}'", f"no such {kind}", "GET /v1/manifests for all")
-        return found
+        return manifest
 
     def masker(self, caller: Caller, name: str) -> Masker:
         """Masks the secrets in a manifest. For a service that manages it, only those of the manifest itself: otherwise
@@ -158,12 +158,12 @@ class Manifests:
 
     def _recover(self) -> None:
         try:
-            found = recover(self.root, self.note)
+            recovery = recover(self.root, self.note)
         except OSError as error:
             self.operations.recorder.event("manifest-recovery", f"an interrupted change is still unfinished: {error}")
         else:
-            if found:
-                change, outcome = found
+            if recovery:
+                change, outcome = recovery
                 self._told(change, f"{change.message} (by {change.author}) was interrupted: {outcome}")
         finally:
             self._lock.release()
@@ -209,13 +209,13 @@ def add_manifests(app: FastAPI, operations: Operations) -> None:
     def put_one(kind: Kind, name: ManifestName, body: PutManifest, caller: Who) -> Response:
         """Write a manifest: validated with the whole tree, in one step, committed if the tree is a git repository.
         Refused if `base` is not the digest of the current version."""
-        path, found, generation = manifests.put(caller, kind, name, body)
+        path, new_digest, generation = manifests.put(caller, kind, name, body)
         return JSONResponse(
             {
                 "kind": kind,
                 "name": name,
                 "file": str(path.relative_to(manifests.root)),
-                "digest": found,
+                "digest": new_digest,
                 "generation": generation,
             },
             headers={GENERATION: str(generation)},

@@ -57,11 +57,11 @@ class Operations:
     @property
     def decision(self) -> Decision:
         """The decision of the last pass over a tree that has been read. Raises Busy before there is one."""
-        found = self.last_decision
+        decision = self.last_decision
         # An earlier pass may know nothing of services that the tree, read since, declares.
-        if found is None or not (found.situation.desired.catalog.fingerprint or self.tree.errors):
+        if decision is None or not (decision.situation.desired.catalog.fingerprint or self.tree.errors):
             raise Busy("answer", "rorg has just begun and has not read its manifests yet", "again in a moment")
-        return found
+        return decision
 
     def changed(self, news: bool = True, manifest: bool = False) -> int:
         """The generation of a change that is on the disk now; without `news`, of the last one."""
@@ -89,12 +89,12 @@ class Operations:
 
     def service_text(self, name: str) -> bytes:
         """The JSON of one service."""
-        found = self.statuses()
-        if name not in found:
-            raise missing(name, set(found))
+        by_name = self.statuses()
+        if name not in by_name:
+            raise missing(name, set(by_name))
         texts = self._cached[2]
         if name not in texts:
-            texts[name] = json.dumps(found[name].as_json()).encode()
+            texts[name] = json.dumps(by_name[name].as_json()).encode()
         return texts[name]
 
     @property
@@ -236,12 +236,12 @@ class Operations:
         once its manifest would no longer allow the same request."""
         catalog = self.catalog
         allow_request(caller, key[0], (), catalog)
-        found = self._loop.leases.renew(
+        request = self._loop.leases.renew(
             key, self.committer.file, lambda r: allow_request(caller, r.requester, r.services, catalog, r.priority)
         )
-        if found is None:
+        if request is None:
             raise Missing(f"renew '{key[1]}'", f"{key[0]} has no request of that id", "to request it again")
-        return request_json(found)
+        return request_json(request)
 
     def fetch(self, seconds: float) -> tuple[int, dict[str, Any]]:
         """Fetches the repository, and waits this long: (generation of the result, state of the repository). Raises

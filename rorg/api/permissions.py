@@ -102,13 +102,13 @@ def peer(connection: socket.socket | None, group: int | None) -> Caller:
 def _groups(connection: socket.socket, uid: int, gid: int) -> set[int]:
     """The groups of the process, which may differ from what the machine's files say about its user; and those of the
     files."""
-    found = {gid}
+    groups = {gid}
     with contextlib.suppress(OSError):  # ERANGE if it has more groups than that
         numbers = connection.getsockopt(socket.SOL_SOCKET, SO_PEERGROUPS, 4 * MOST_GROUPS)
-        found |= set(struct.unpack(f"{len(numbers) // 4}I", numbers))
+        groups |= set(struct.unpack(f"{len(numbers) // 4}I", numbers))
     with contextlib.suppress(KeyError):
-        found |= set(os.getgrouplist(pwd.getpwuid(uid).pw_name, gid))
-    return found
+        groups |= set(os.getgrouplist(pwd.getpwuid(uid).pw_name, gid))
+    return groups
 
 
 def group_id(name: str) -> int | None:

@@ -54,7 +54,7 @@ def answer(error: RorgError) -> JSONResponse:
     status, code = next((STATUS[t] for t in type(error).__mro__ if t in STATUS), (500, "internal"))
     more: dict[str, Any] = {"services": error.services} if isinstance(error, NotReady) and error.services else {}
     more |= {"confirm": list(error.services)} if isinstance(error, Unconfirmed) else {}
-    found = problem(status, code, f"cannot {error.what}", error.why, error.remedy, **more)
+    response = problem(status, code, f"cannot {error.what}", error.why, error.remedy, **more)
     if isinstance(error, Busy):
-        found.headers["Retry-After"] = str(error.seconds)
-    return found
+        response.headers["Retry-After"] = str(error.seconds)
+    return response

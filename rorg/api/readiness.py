@@ -70,17 +70,19 @@ class Readiness:
     @property
     def reason(self) -> str:
         """The first reason why a service is not ready, with all services that have it; empty if all are ready."""
-        found = causes((n, r.reason) for n, r in self.services.items() if not r.ready)
-        return self.suspended or str(found[0]) if found else ""
+        reasons = causes((n, r.reason) for n, r in self.services.items() if not r.ready)
+        return self.suspended or str(reasons[0]) if reasons else ""
 
 
-def readiness(decision: Decision, found: Mapping[str, Status], question: Question) -> Readiness:
+def readiness(decision: Decision, statuses: Mapping[str, Status], question: Question) -> Readiness:
     """The readiness of the services asked for, then of what they need. A probe's answer from before the question counts
     only if the caller does not wait and the answer is younger than the probe's interval."""
     services = decision.situation.desired.catalog.services
     names = [n for n in question.names if n in services]
     closed = (*question.names, *sorted(closure(services, names) - set(question.names)))
-    return Readiness({name: _one(decision, found.get(name), question) for name in closed}, decision.situation.suspended)
+    return Readiness(
+        {name: _one(decision, statuses.get(name), question) for name in closed}, decision.situation.suspended
+    )
 
 
 def _one(decision: Decision, status: Status | None, question: Question) -> Ready:

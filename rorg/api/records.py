@@ -165,11 +165,11 @@ def _tag(number: int, wire: int) -> bytes:
 
 def _varint(number: int) -> bytes:
     """Seven bits in each byte, the lowest first; the eighth bit says that another byte follows."""
-    found = bytearray()
+    buffer = bytearray()
     while number > 127:
-        found.append(number & 127 | 128)
+        buffer.append(number & 127 | 128)
         number >>= 7
-    return bytes([*found, number])
+    return bytes([*buffer, number])
 
 
 def line(value: Mapping[str, Any]) -> bytes:

@@ -98,16 +98,16 @@ async def _ready(
         event = operations.next_pass()
         still(request, "read")
         known = operations.open_to(question.generation) and (not question.waits or operations.heard_since(question))
-        found = operations.readiness(question)
-        services = {name: ready.as_json() for name, ready in found.services.items()}
+        readiness = operations.readiness(question)
+        services = {name: ready.as_json() for name, ready in readiness.services.items()}
         left = deadline - clock()
-        if known and found.ready:
+        if known and readiness.ready:
             return JSONResponse({"ready": True, "services": services})
-        settled = known and (found.hopeless if question.waits else not found.asking)
+        settled = known and (readiness.hopeless if question.waits else not readiness.asking)
         if settled or left <= 0:
             raise NotReady(
                 f"wait for {', '.join(question.names)}",
-                found.reason or ("the loop is busy" if operations.heard_since(question) else "the engine is busy"),
+                readiness.reason or ("the loop is busy" if operations.heard_since(question) else "the engine is busy"),
                 "`rorg why` for the reasons",
                 services,
             )

@@ -27,10 +27,10 @@ Within = Callable[[Any, Any], bool]
 def exceeding(spec: Spec, others: Collection[Spec], grant: Spec, granted: Collection[str]) -> list[str]:
     """The options in which a container has more rights than each of the others. Of `grant`, only the options `granted`
     count."""
-    found = {*spec, *(option for other in others for option in other)} - FREE
+    options = {*spec, *(option for other in others for option in other)} - FREE
     return sorted(
         option
-        for option in found
+        for option in options
         if not any(_within(option, spec, other) for other in others)
         and not (option in granted and _within(option, spec, grant))
     )
@@ -115,8 +115,8 @@ def _mounts(volumes: Any) -> Iterator[Volume]:
         if not isinstance(volume, str):
             whole = {k: v for k, v in volume.items() if k not in ("target", "read_only")}
             yield Volume(json.dumps(whole, sort_keys=True), "", ("ro",) if volume.get("read_only") else ())
-        elif (found := parse_volume(volume.replace(RUN, "/run/rorg"))).source:
-            yield found
+        elif (mount := parse_volume(volume.replace(RUN, "/run/rorg"))).source:
+            yield mount
 
 
 def _mount_within(mine: Volume, theirs: Volume) -> bool:
@@ -135,8 +135,8 @@ def network_of(spec: Spec) -> str:
     """`host`, `bridge`, `none`, `networks` if it names some, or the service or container whose network it shares."""
     if spec.get("networks"):
         return "networks"
-    found = str(spec.get("network_mode") or "bridge")
-    return "none" if spec.get("network_disabled") else "bridge" if found == "default" else found
+    mode = str(spec.get("network_mode") or "bridge")
+    return "none" if spec.get("network_disabled") else "bridge" if mode == "default" else mode
 
 
 _RULES: Mapping[str, Within] = {

@@ -151,15 +151,15 @@ def shown_to_service(value: Any, masker: Masker) -> Any:
         return masker.value(value)
     near = masker.of(value.get("service"))
     own = value.get("requester", DEVELOPER) != DEVELOPER and not value.get("standing")
-    found = {}
+    fields = {}
     for key, item in value.items():
         if key == "services" and isinstance(item, Mapping):
-            found[key] = {name: shown_to_service(below, masker.of(name)) for name, below in item.items()}
+            fields[key] = {name: shown_to_service(below, masker.of(name)) for name, below in item.items()}
         elif isinstance(item, Mapping | list):
-            found[key] = near.value({key: item})[key] if _plain(item) else shown_to_service(item, near)
+            fields[key] = near.value({key: item})[key] if _plain(item) else shown_to_service(item, near)
         else:
-            found[key] = item if key == "reason" and own else near.value({key: item})[key]
-    return found
+            fields[key] = item if key == "reason" and own else near.value({key: item})[key]
+    return fields
 
 
 def _plain(value: Any) -> bool:
@@ -170,10 +170,10 @@ def error_for_service(error: Mapping[str, Any], said: str, masker: Masker, catal
     """An error for a service that has `said` something: its words are masked, because they may be secrets or guesses,
     except names that people declared."""
     known = _OURS | _names(catalog)
-    found = shown_to_service({k: v for k, v in error.items() if k not in ("title", "cause", "remedy")}, masker)
+    details = shown_to_service({k: v for k, v in error.items() if k not in ("title", "cause", "remedy")}, masker)
     about = next((n for n, one in (error.get("services") or {}).items() if not one.get("ready")), None)
     texts = {key: unsaid(str(error.get(key, "")), said, known) for key in ("title", "cause", "remedy")}
-    return {**error, **found, **{key: masker.of(about).text(text) for key, text in texts.items()}}
+    return {**error, **details, **{key: masker.of(about).text(text) for key, text in texts.items()}}
 
 
 def _names(catalog: Catalog) -> set[str]:

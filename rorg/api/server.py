@@ -250,9 +250,9 @@ def _descriptors() -> int:
 
 def _certified(_: socket.socket | None, transport: Any) -> Caller:
     """A caller over TLS: its certificate was signed by the authority that rorg was given, so it is a developer."""
-    found = transport.get_extra_info("peercert") or {}
-    names = dict(pair for part in found.get("subject", ()) for pair in part)
-    return Caller("developer", certificate=names.get("commonName", "unnamed")) if found else Caller()
+    certificate = transport.get_extra_info("peercert") or {}
+    names = dict(pair for part in certificate.get("subject", ()) for pair in part)
+    return Caller("developer", certificate=names.get("commonName", "unnamed")) if certificate else Caller()
 
 
 def make_server(loop: Loop, state: StateDir, group: str) -> Server:

@@ -42,23 +42,23 @@ def listen(directory: Path, path: Path, mode: int = 0o660, group: int | None = N
     made = directory / ".new"
     make_directory(made, 0o700)
     (made / NAME).unlink(missing_ok=True)
-    found = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     folder = os.open(made, os.O_PATH | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
-        found.bind(f"/proc/self/fd/{folder}/{NAME}")
+        listener.bind(f"/proc/self/fd/{folder}/{NAME}")
         os.chmod(made / NAME, mode)
         if group is not None:
             with contextlib.suppress(PermissionError):
                 os.chown(made / NAME, -1, group)
         os.replace(made / NAME, path)
     except OSError:
-        found.close()
+        listener.close()
         raise
     finally:
         os.close(folder)
-    found.setblocking(False)
-    found.listen(BACKLOG)
-    return found
+    listener.setblocking(False)
+    listener.listen(BACKLOG)
+    return listener
 
 
 class ServiceSockets:

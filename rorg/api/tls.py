@@ -54,7 +54,7 @@ class Tls:
 
 def _stamp(path: Path | None) -> tuple[int, ...] | None:
     try:
-        found = os.stat(path) if path else None
+        stat_result = os.stat(path) if path else None
     except OSError:
         return None
-    return (found.st_ino, found.st_mtime_ns, found.st_size) if found else None
+    return (stat_result.st_ino, stat_result.st_mtime_ns, stat_result.st_size) if stat_result else None

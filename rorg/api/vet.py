@@ -88,9 +88,9 @@ def vet(
     source, mistakes = read_source(text, path, str(path.relative_to(root)), root, variables)
     if source is None or not isinstance(source.spec, ServiceSpec):
         raise Invalid(f"change the Service '{name}'", "; ".join(map(str, mistakes[:MOST_TOLD])))
-    found = list(_beyond(source.spec, catalog.services[caller.service], catalog))
-    found += ["labels"] if source.labels else []  # they say, for example, whose ROS nodes these are
-    _refuse(caller, name, found)
+    excess = list(_beyond(source.spec, catalog.services[caller.service], catalog))
+    excess += ["labels"] if source.labels else []  # they say, for example, whose ROS nodes these are
+    _refuse(caller, name, excess)
 
 
 def vet_rendered(
@@ -108,11 +108,11 @@ def vet_rendered(
     _refuse(caller, name, list(_more(service, others, grant, manager, catalog)))
 
 
-def _refuse(caller: Caller, name: str, found: Collection[str]) -> None:
-    if found:
+def _refuse(caller: Caller, name: str, excess: Collection[str]) -> None:
+    if excess:
         raise Forbidden(
             f"change the Service '{name}'",
-            f"{caller.service} may not give it {'; '.join([*found][:MOST_TOLD])}",
+            f"{caller.service} may not give it {'; '.join([*excess][:MOST_TOLD])}",
             "to ask a person, or use a profile that a person writes",
         )
 
@@ -157,8 +157,8 @@ def _grant(name: str, path: Path, profiles: list[str], root: Path, robot: str) -
     """The options that these profiles give to a service that declares nothing else."""
     said = {"image": "none", "profile": profiles}
     text = json.dumps({"apiVersion": API_VERSION, "kind": "Service", "metadata": {"name": name}, "spec": said})
-    found = load(root, {path: text}, robot=robot).read
-    return found.services.get(name, Service(name)) if found else Service(name)
+    catalog = load(root, {path: text}, robot=robot).read
+    return catalog.services.get(name, Service(name)) if catalog else Service(name)
 
 
 def _granted(grant: Service) -> set[str]:

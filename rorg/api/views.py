@@ -82,7 +82,7 @@ def graph(catalog: Catalog, live: Iterable[Request] = ()) -> dict[str, Any]:
     for request in (*catalog.requests, *live):
         edges |= {(request.requester, m, "requests") for s in request.services for m in catalog.members(s)}
     objects, uses, _ = used_objects(catalog)
-    edges |= {(name, one, "uses") for name, found in uses.items() for one in found}
+    edges |= {(name, one, "uses") for name, subjects in uses.items() for one in subjects}
     return {
         "services": sorted(catalog.services),
         "objects": sorted(objects),

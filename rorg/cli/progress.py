@@ -75,9 +75,9 @@ class Progress:
 
 def waiting(view: dict[str, Any], names: list[str], seconds: float) -> list[str]:
     """The services that are not ready, of these names, and what they wait for."""
-    found = late(view, names)
-    count = sum(len(cause.names) for cause in found)
-    told = [view["suspended"]] if count and view.get("suspended") else list(map(str, found))
+    late_causes = late(view, names)
+    count = sum(len(cause.names) for cause in late_causes)
+    told = [view["suspended"]] if count and view.get("suspended") else list(map(str, late_causes))
     more = [f"  and {len(told) - MOST} more"] if len(told) > MOST else []
     head = f"{len(names) - count} of {len(names)} ready, {seconds:.0f} s"
     return [head, *(f"  {text}" for text in told[:MOST]), *more]

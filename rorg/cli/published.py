@@ -68,6 +68,6 @@ def _missing(view: dict[str, Any], name: str) -> str:
         return "not declared yet"
     if service["state"] == "meta" or (service["wanted"] and is_ready(service)):
         return ""
-    found = condition(service, "Ready")
+    ready = condition(service, "Ready")
     waits = [w["reason"] for w in view["plan"]["waitings"] if w["service"] == name]
-    return str(service["held"] or "; ".join(waits) or found["message"] or found["reason"])
+    return str(service["held"] or "; ".join(waits) or ready["message"] or ready["reason"])

@@ -119,8 +119,8 @@ def _relocated(value: Any, change: Callable[[str], str]) -> Any:
     if isinstance(value, Mapping):
         return {key: _relocated(entry, change) for key, entry in value.items()}
     if isinstance(value, list | tuple):
-        found = [_relocated(entry, change) for entry in value]
-        return found if isinstance(value, list) else tuple(found)
+        entries = [_relocated(entry, change) for entry in value]
+        return entries if isinstance(value, list) else tuple(entries)
     if is_dataclass(value) and not isinstance(value, type):
         return replace(value, **{f.name: _relocated(getattr(value, f.name), change) for f in fields(value)})
     return value

@@ -77,8 +77,8 @@ class GitSource:
         git = self.cache.followed.remote.git
         if git is None:
             return []
-        found = (Path(folder) for folder, _, _ in os.walk(git / "refs/heads"))
-        return [git, *(folder for _, folder in zip(range(MOST_FOLDERS), found, strict=False))]
+        folders = (Path(folder) for folder, _, _ in os.walk(git / "refs/heads"))
+        return [git, *(folder for _, folder in zip(range(MOST_FOLDERS), folders, strict=False))]
 
     def ignores(self, path: str) -> bool:
         """Whether a file in there says nothing about that."""
@@ -149,8 +149,8 @@ class GitSource:
     def _advance(self, commit: str) -> None:
         self.writing = True
         self.cache.advance(commit)
-        found = head(self.cache.tree)
-        self._news = f"git: {commit[:10]}" + (f": {found.subject} ({found.author})" if found else "")
+        tip = head(self.cache.tree)
+        self._news = f"git: {commit[:10]}" + (f": {tip.subject} ({tip.author})" if tip else "")
         self._in_force()
         if left := self.cache.submodules():
             text = f"git: submodules are not followed, their directories are empty: {', '.join(left)}"

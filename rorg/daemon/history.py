@@ -54,9 +54,9 @@ class Historian:
 
     def remembered(self, now: float, epoch: float, booted_at: float) -> Memory:
         """What the previous rorg left for this one: see saved_memory.py."""
-        found = remembered(self.runs.read(), now, epoch, booted_at)
-        self._progress = found.progress
-        return found
+        memory = remembered(self.runs.read(), now, epoch, booted_at)
+        self._progress = memory.progress
+        return memory
 
     def note(self, decision: Decision, memory: Memory, tree: Tree, epoch: float) -> None:
         """After a pass. `memory` is the one that it hands on; `epoch`: the time of day at which the loop's clock was at
@@ -87,7 +87,7 @@ class Historian:
     def _refuse(self, tree: Tree) -> None:
         """Record a refused tree, once for each set of errors."""
         errors = tuple(self.masker.text(str(e)) for e in tree.errors)
-        found = Revision(
+        revision = Revision(
             number=0,
             at=self.wall(),
             fingerprint="",
@@ -97,8 +97,8 @@ class Historian:
             errors=errors,
         )
         last = self._refused or self.revisions.last()
-        if not (last and last.standing == "refused" and (last.errors, last.commit) == (errors, found.commit)):
-            last = self.revisions.begin(replace(found, settled_at=found.at))
+        if not (last and last.standing == "refused" and (last.errors, last.commit) == (errors, revision.commit)):
+            last = self.revisions.begin(replace(revision, settled_at=revision.at))
         self._refused = last
 
     def _note_revision(self, decision: Decision, memory: Memory, tree: Tree) -> None:
@@ -110,40 +110,42 @@ class Historian:
         if revision is None:
             return
         self._note_images(decision, revision.number)
-        self.standing = found = standing(decision.situation, decision.plan, revision.standing == GOOD)
-        if found.code != revision.standing:
-            self._revision = replace(revision, standing=found.code, reason=found.reason)
-            self._settle(revision.number, found.code, found.reason)
+        self.standing = verdict = standing(decision.situation, decision.plan, revision.standing == GOOD)
+        if verdict.code != revision.standing:
+            self._revision = replace(revision, standing=verdict.code, reason=verdict.reason)
+            self._settle(revision.number, verdict.code, verdict.reason)
 
     def _note_images(self, decision: Decision, number: int) -> None:
         """Record the images of containers that are as declared, as they appear."""
         there, digests = decision.situation.observed.by_service(), decision.situation.desired.digests
-        found = {
+        images = {
             name: container.image
             for name in self._imageless
             for container in there.get(name, ())
             if container.image and container.digest == digests.get(name)
         }
-        if found:
-            self.revisions.note_images(number, found)
-            self._imageless -= found.keys()
+        if images:
+            self.revisions.note_images(number, images)
+            self._imageless -= images.keys()
 
     def _begin(self, plan: Plan, memory: Memory, tree: Tree) -> None:
         """Record a state of the manifests, unless it is the one in force."""
         if not self._looked:
             self._revision, self._looked = self.revisions.in_force(), True
         last = self._revision
-        found = Revision(
+        revision = Revision(
             number=0,
             at=self.wall(),
             fingerprint=tree.desired.catalog.fingerprint,
             **_of_commit(tree),
             robot=tree.robot,
         )
-        if last is None or _identity(last) != _identity(found):
+        if last is None or _identity(last) != _identity(revision):
             self._settle_failed(last, memory)
             services = made(tree.desired, last.services if last else {}, self.masker)
-            self._revision = self.revisions.begin(replace(found, plan=self.masker.text(plan.text()), services=services))
+            self._revision = self.revisions.begin(
+                replace(revision, plan=self.masker.text(plan.text()), services=services)
+            )
         known = self._revision.services if self._revision else {}
         self._imageless = {name for name, made in known.items() if not made.image_id}
 
@@ -178,17 +180,17 @@ def _identity(revision: Revision) -> tuple[object, ...]:
 
 def made(desired: Desired, before: Mapping[str, Made], masker: Masker) -> dict[str, Made]:
     """The Material of each service with a container. `before`: the same of the previous revision."""
-    found = {}
+    materials = {}
     for name, service in desired.catalog.services.items():
         if service.spec is None:
             continue
         digest, known = desired.digests[name], before.get(name)
         if known is not None and (known.digest, known.edition) == (digest, desired.editions[name]):
-            found[name] = known
+            materials[name] = known
             continue
         declared = masker.json(canonical(declared_fields(service.spec, service.secrets)))
-        found[name] = Made(digest, declared, str(service.spec.get("image", "")), edition=desired.editions[name])
-    return found
+        materials[name] = Made(digest, declared, str(service.spec.get("image", "")), edition=desired.editions[name])
+    return materials
 
 
 def _of_meta(requests: Iterable[Request], catalog: Catalog) -> list[Request]:

@@ -52,11 +52,11 @@ class Learner:
 def learnt_from(journal: Journal, now: float) -> Learned:
     """The requests in the journal before `now`, seconds since the epoch."""
     try:
-        found = requested(journal, stamp(now - BACK), stamp(now))
+        trace = requested(journal, stamp(now - BACK), stamp(now))
     except Missing:
         return Learned()
-    begin = parse_time(found["begin"])
+    begin = parse_time(trace["begin"])
     return learn(
         TraceEvent(parse_time(r["at"]) - begin, r["requester"], r["id"], tuple(r["services"]))
-        for r in found["requests"]
+        for r in trace["requests"]
     )

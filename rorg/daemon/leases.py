@@ -48,8 +48,8 @@ class Leases:
 
     def document(self) -> RequestsDocument:
         """What counts now: the last good content."""
-        found = self.file.document
-        return replace(found, suspended=UNKNOWN) if self.file.diagnostics and not self.file.good else found
+        document = self.file.document
+        return replace(document, suspended=UNKNOWN) if self.file.diagnostics and not self.file.good else document
 
     def renewals(self) -> dict[Key, int]:
         with self._lock:
@@ -71,12 +71,12 @@ class Leases:
         counts. `allow` raises if this request may not be renewed."""
         with self._lock:
             document = self.file.document if self.file.diagnostics else committed.now()
-            found = next((r for r in document.requests if r.key == key), None)
-            if found is None or key in self._ending:
+            request = next((r for r in document.requests if r.key == key), None)
+            if request is None or key in self._ending:
                 return None
-            allow(found)
+            allow(request)
             self._renewals[key] = next(self._numbers)
-            return found
+            return request
 
     def settle(self, decision: Decision, renewals: Mapping[Key, int]) -> None:
         """Write down which requests were dropped or bound, and which restarts and retries are done. The file has

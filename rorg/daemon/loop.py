@@ -90,11 +90,11 @@ class Loop:
         self.questions: dict[object, Mapping[str, float]] = {}
         """Services that clients ask about or wait for, each with the time (`clock`) since when the answers of its probe
         count. If there is no such answer the probe is asked again."""
-        found = self.recorder.historian.remembered(self.clock(), self.epoch, parse_time(self.booted_at))
-        self.recorder.begin(found)
+        memory = self.recorder.historian.remembered(self.clock(), self.epoch, parse_time(self.booted_at))
+        self.recorder.begin(memory)
         self.written = WriteAhead(self.state, self.engine, self.recorder)
-        self.reporter = Reporter(self.recorder, self.engine, self.clock, found)
-        self.running.memory = replace(found, kept=self.written.read())
+        self.reporter = Reporter(self.recorder, self.engine, self.clock, memory)
+        self.running.memory = replace(memory, kept=self.written.read())
         self.tree.masker.learn(self.running.memory.kept.catalog)
         self.dispatch = DispatchLimits()
         """Used if the Policy sets none."""
@@ -261,10 +261,10 @@ class Loop:
 
     def _asked_for(self) -> dict[str, float]:
         """Service -> since when an answer of its probe counts for everyone who asks."""
-        found: dict[str, float] = {}
+        times: dict[str, float] = {}
         for asked in list(self.questions.values()):
-            found.update({name: max(since, found.get(name, since)) for name, since in asked.items()})
-        return found
+            times.update({name: max(since, times.get(name, since)) for name, since in asked.items()})
+        return times
 
     def _read_files(self, upto: int) -> None:
         if self.wakes.take_requests() or upto > self.generations.acted:

@@ -79,10 +79,10 @@ def due(
     """What to send now, in order, after these new entries; the rest waits until its time, the newest of each subject
     with the number of those before it."""
     sent = {subject: at for subject, at in before.sent.items() if now - at < target.every}
-    waiting, found = dict(before.waiting), list[Notification]()
+    waiting, to_send = dict(before.waiting), list[Notification]()
 
     def send(one: Notification) -> None:
-        found.append(one)
+        to_send.append(one)
         if target.every:
             sent[one.subject] = now
 
@@ -98,7 +98,7 @@ def due(
         earlier = waiting.pop(one.subject, None)
         waiting[one.subject] = replace(one, suppressed=earlier.suppressed + 1) if earlier else one
     following = min((sent[subject] + target.every for subject in waiting), default=None)
-    return Notices(sent, waiting, following), found
+    return Notices(sent, waiting, following), to_send
 
 
 def body(one: Notification, template: str | Mapping[str, Any] | None) -> tuple[bytes, str]:

@@ -48,12 +48,14 @@ class Sender:
         notices = Notices()
         while not self.stopping.is_set():
             entries = self._entries()
-            notices, found = due(notices, entries, self.target, self.robot() if entries else "", time.monotonic())
-            for count, one in enumerate(found, 1):
+            notices, notifications = due(
+                notices, entries, self.target, self.robot() if entries else "", time.monotonic()
+            )
+            for count, one in enumerate(notifications, 1):
                 if not self._send(one):
-                    self.lost += len(found) - count  # nobody is there: news must not wait behind all of these
+                    self.lost += len(notifications) - count  # nobody is there: news must not wait behind all of these
                     break
-            if not found:
+            if not notifications:
                 self.woken.wait(None if notices.next is None else max(0.0, notices.next - time.monotonic()))
                 self.woken.clear()
 
@@ -61,10 +63,10 @@ class Sender:
         """The entries since the last call."""
         journal, after = self.recorder.journal, self.seq
         self.seq = journal.last
-        found = (
+        entries = (
             journal.select(Filter(kinds=frozenset(KINDS), after=after), MOST, newest=True) if self.seq > after else []
         )
-        return [entry for entry in found if entry["seq"] <= self.seq]
+        return [entry for entry in entries if entry["seq"] <= self.seq]
 
     def _send(self, one: Notification) -> bool:
         """Deliver it, or count it as lost. False if the target cannot be reached."""
@@ -117,10 +119,10 @@ def _url(webhook: Webhook) -> str:
 
 
 def _headers(webhook: Webhook, media: str) -> dict[str, str]:
-    found = headers_of(webhook.headers_file) if webhook.headers_file else {}
-    known = {name.lower() for name in found}
+    given = headers_of(webhook.headers_file) if webhook.headers_file else {}
+    known = {name.lower() for name in given}
     ours = {"Content-Type": media, "User-Agent": "rorg"}
-    return {**{name: value for name, value in ours.items() if name.lower() not in known}, **found}
+    return {**{name: value for name, value in ours.items() if name.lower() not in known}, **given}
 
 
 class Notifier:
@@ -175,20 +177,20 @@ class Notifier:
             self._woken.wait()
 
     def _follow(self, targets: tuple[NotifyTarget, ...]) -> None:
-        before, found = self._senders, dict[str, Sender]()
+        before, senders = self._senders, dict[str, Sender]()
         for target in targets:
             known = before.get(target.name)
             if known is None or known.target != target:
                 after = known.seq if known else self._seq
-                found[target.name] = Sender(target, after, self.robot, self.recorder, self.changed)
+                senders[target.name] = Sender(target, after, self.robot, self.recorder, self.changed)
             else:
-                found[target.name] = known
-        self._senders = found
+                senders[target.name] = known
+        self._senders = senders
         for name, sender in before.items():
-            if found.get(name) is not sender:
+            if senders.get(name) is not sender:
                 sender.end()
-        for sender in found.values():
+        for sender in senders.values():
             if not sender.thread.ident:
                 sender.thread.start()
-        if before.keys() != found.keys():
+        if before.keys() != senders.keys():
             self.changed()

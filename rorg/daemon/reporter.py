@@ -111,21 +111,23 @@ class Reporter:
             for option in self.engine.capabilities.ignored(declared):
                 users[option] = users.get(option, 0) + 1
         if users:
-            found = ", ".join(f"{option} ({counted(count, 'service')})" for option, count in sorted(users.items()))
-            self.event("options-ignored", f"the {self.engine.name} engine ignores options: {found}")
+            options = ", ".join(f"{option} ({counted(count, 'service')})" for option, count in sorted(users.items()))
+            self.event("options-ignored", f"the {self.engine.name} engine ignores options: {options}")
 
     def _unknown(self, decision: Decision) -> None:
         """Report names in the requests file that are not declared, such as typing errors of a person who edits it."""
         catalog = decision.situation.desired.catalog
         known = {*catalog.services, *catalog.groups}
-        found = tuple((str(r.where), r.id, s) for r in decision.settled.requests for s in r.services if s not in known)
-        if not self.is_news("unknown", found):
+        unknown_names = tuple(
+            (str(r.where), r.id, s) for r in decision.settled.requests for s in r.services if s not in known
+        )
+        if not self.is_news("unknown", unknown_names):
             return
-        for where, id, name in found[:MOST_TOLD]:
+        for where, id, name in unknown_names[:MOST_TOLD]:
             told = f"{where}: request '{id}' names '{name}', which is not declared"
             self.event("unknown-service", f"{told}; {nearest(name, known)}")
-        if len(found) > MOST_TOLD:
-            self.event("unknown-service", f"{len(found) - MOST_TOLD} more names in requests are not declared")
+        if len(unknown_names) > MOST_TOLD:
+            self.event("unknown-service", f"{len(unknown_names) - MOST_TOLD} more names in requests are not declared")
 
     def _engine(self, observed: Observed) -> None:
         if observed.complete:
@@ -191,23 +193,23 @@ class Reporter:
                     self._risks.add((service.name, risk.code))
                     text = f"pausing {service.name} is not safe: {risk.message}"
                     self.event("pause-risk", text, service=service.name, cause=risk.code)
-        found = frozenset(takeover for graph in situation.ros.values() for takeover in graph.takeovers)
-        for takeover in sorted(found - self._takeovers, key=str):
+        takeovers = frozenset(takeover for graph in situation.ros.values() for takeover in graph.takeovers)
+        for takeover in sorted(takeovers - self._takeovers, key=str):
             services = [takeover.former, takeover.service]
             self.event("ros-node-taken-over", str(takeover), node=takeover.node, services=services)
-        self._takeovers = found
+        self._takeovers = takeovers
 
     def _note_states(self, decision: Decision) -> None:
         """Write the states that services come into to the journal, without a line for people."""
         first = self._states is None
         states = self._states = self._states or {}
-        found = state_changes(states, decision)
-        states.update({p.service: p.state for p in found})
-        if first and found:  # one entry for all, since nothing has changed
-            message = f"found {counted(len(found), 'service')} with a container"
-            self._write("found", message, services=[p.service for p in found], states=dict(states))
+        changes = state_changes(states, decision)
+        states.update({p.service: p.state for p in changes})
+        if first and changes:  # one entry for all, since nothing has changed
+            message = f"found {counted(len(changes), 'service')} with a container"
+            self._write("found", message, services=[p.service for p in changes], states=dict(states))
             return
-        for p in found:
+        for p in changes:
             asked = {"requests": list(p.requests)} if p.requests else {}
             self._write("state", str(p), service=p.service, state=p.state, reason=p.reason, **asked)
             if p.state == NONE:
@@ -216,15 +218,17 @@ class Reporter:
     def _write(self, kind: str, message: str, **more: Any) -> None:
         self.recorder.journal.append(self.recorder.wall(), kind, message, **more)
 
-    def _withheld(self, found: Mapping[str, str]) -> None:
+    def _withheld(self, removals: Mapping[str, str]) -> None:
         by_reason: dict[str, list[str]] = {}
-        for name, why in found.items():
+        for name, why in removals.items():
             by_reason.setdefault(why, []).append(name)
         lines = "; ".join(f"{', '.join(names)} (not declared, but kept: {why})" for why, names in by_reason.items())
         text = (
-            f"removals withheld: {lines}; `rorg apply` shows and confirms them" if found else "no removal is withheld"
+            f"removals withheld: {lines}; `rorg apply` shows and confirms them"
+            if removals
+            else "no removal is withheld"
         )
-        self.event("withheld", text, services=list(found))
+        self.event("withheld", text, services=list(removals))
 
     def _lost(self, decision: Decision) -> None:
         """Tell the holders of requests what they can no longer rely on."""

@@ -97,12 +97,12 @@ class RosNodes:
         A paused node still listens. It is not connected to needlessly: its queue of connections is short, and is not
         emptied before it is resumed."""
         ports, now = open_ports(), time.monotonic()
-        found = {
+        dead_nodes = {
             (node, uri)
             for node, uri in state.places.items()
             if (port := self._port(uri)) and port not in ports and refuses(uri)
         }
-        self._dead = {key: self._dead.get(key, now) for key in found}
+        self._dead = {key: self._dead.get(key, now) for key in dead_nodes}
         return {key[0]: now - since >= APART for key, since in self._dead.items()}
 
     def _port(self, uri: str) -> int:
@@ -126,7 +126,7 @@ class RosNodes:
     def _find_owners(self, keys: Collection[tuple[str, str]], runs: Runs) -> dict[tuple[str, str], _Owner]:
         """Find owners by the process that listens at a node's address; otherwise by the manifest that names the
         node."""
-        processes, found = listeners(), {}
+        processes, owners = listeners(), {}
         services = {run.pid: name for name, run in runs.alive.items() if run.pid}
         for node, uri in keys:
             forebears = lineage(processes.get(self._port(uri)))
@@ -134,8 +134,8 @@ class RosNodes:
             if not forebears:
                 named = [service for service, run in runs.alive.items() if node in run.nodes]
                 name = named[0] if len(named) == 1 else ""
-            found[node, uri] = _Owner(name, runs.alive[name].incarnation if name else "")
-        return found
+            owners[node, uri] = _Owner(name, runs.alive[name].incarnation if name else "")
+        return owners
 
 
 def _graph(state: RosState, nodes: Mapping[str, str], changed: tuple[Takeover, ...]) -> RosGraph:
@@ -223,10 +223,12 @@ class RosWatch:
 
 def _runs(observed: Observed, wanted: Wanted, catalog: Catalog) -> dict[str, Runs]:
     """By master that a living service uses."""
-    found: dict[str, dict[str, Run]] = {}
+    by_master: dict[str, dict[str, Run]] = {}
     for name, containers in observed.by_service().items():
         service, current = catalog.services.get(name), containers[0]
         master = master_of(service) if service else ""
         if service and master and current.alive:
-            found.setdefault(master, {})[name] = Run(current.incarnation, current.pid, frozenset(ros_nodes(service)))
-    return {master: Runs(alive=alive, active=frozenset({*alive, *wanted})) for master, alive in found.items()}
+            by_master.setdefault(master, {})[name] = Run(
+                current.incarnation, current.pid, frozenset(ros_nodes(service))
+            )
+    return {master: Runs(alive=alive, active=frozenset({*alive, *wanted})) for master, alive in by_master.items()}

@@ -47,19 +47,21 @@ class Running:
     def use(self) -> dict[str, tuple[float, int]]:
         """By service that is alive: CPU seconds since it began, and bytes, of all its containers together."""
         alive = [c for c in self.observer.snapshot().containers if c.alive]
-        usage, found = self.engine.usage(alive), dict[str, tuple[float, int]]()
+        usage, totals = self.engine.usage(alive), dict[str, tuple[float, int]]()
         for container in alive:
             if container.id in usage:
-                used, (cpu, memory) = usage[container.id], found.get(container.service, (0.0, 0))
-                found[container.service] = cpu + used.cpu, memory + used.memory
-        return found
+                used, (cpu, memory) = usage[container.id], totals.get(container.service, (0.0, 0))
+                totals[container.service] = cpu + used.cpu, memory + used.memory
+        return totals
 
     def running(self) -> list[tuple[Container, float]]:
         """Containers that run, each with the time since when, by the loop's clock."""
-        found = [(c, self.memory.of(c.service)) for c in self.observer.snapshot().containers if c.state == "running"]
+        containers = [
+            (c, self.memory.of(c.service)) for c in self.observer.snapshot().containers if c.state == "running"
+        ]
         return [
             (c, step.running_since)
-            for c, step in found
+            for c, step in containers
             if step.running_since is not None and step.incarnation == c.incarnation
         ]
 

@@ -92,15 +92,15 @@ def _past(at: Any, now: float, epoch: float) -> float | None:
 
 
 def _tries(known: Any, now: float, epoch: float) -> dict[str, Attempt]:
-    found = {}
+    attempts = {}
     for verb, said in known.items() if isinstance(known, Mapping) else ():
         if not (isinstance(said, list) and len(said) == 4 and isinstance(said[2], int | float)):
             continue
         signature, count, at, error = said
         if isinstance(signature, list):
             due = min(now + CAP, float(at) - epoch) if at else 0.0
-            found[str(verb)] = Attempt(tuple(map(_text, signature)), _count(count), due, _text(error))
-    return found
+            attempts[str(verb)] = Attempt(tuple(map(_text, signature)), _count(count), due, _text(error))
+    return attempts
 
 
 def _count(value: Any) -> int:

@@ -122,10 +122,10 @@ class Snapshots:
             runs = ((n, p) for n, p in situation.memory.progress.items() if p.running_since is not None)
             # Time alone makes them late, or ends their trial.
             stale.update(n for n, p in runs if not p.ready or len(containers.get(n, ())) > 1)
-            found = statuses(situation, decision.plan, decision.holds, stale)
+            by_name = statuses(situation, decision.plan, decision.holds, stale)
         else:
-            self._services, found = {}, statuses(situation, decision.plan, decision.holds)
-        for name, status in found.items():
+            self._services, by_name = {}, statuses(situation, decision.plan, decision.holds)
+        for name, status in by_name.items():
             self._services[name] = f"{json.dumps(name)}: {json.dumps(status.as_json())}"
         self._stale = set()
         return self._services.values()

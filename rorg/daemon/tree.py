@@ -157,19 +157,19 @@ class Tree:
     def folders(self) -> list[Path]:
         """Directories to watch: everything that the stamp covers is in one of them. Links that lead out of the tree are
         not followed; image contexts may be outside of it."""
-        top, found = os.path.realpath(self.root), [self.root]
+        top, folders = os.path.realpath(self.root), [self.root]
         with contextlib.suppress(OSError):
-            found += sorted(p for p in self.root.iterdir() if p.name[0] != "." and os.path.isdir(p))
+            folders += sorted(p for p in self.root.iterdir() if p.name[0] != "." and os.path.isdir(p))
         if self.robot:
-            found += manifest_folders(self.root / FOLDER / self.robot)
-            found += sorted({beside(path, self.root) for path in manifest_files(self.root)})
-        found += sorted(path.parent for path in self._inputs.files)
-        found += [p for p in below(sorted(self._inputs.mounted)) if os.path.isdir(p) and not os.path.islink(p)]
-        found += sorted(path.parent for path in self._inputs.mounted)
+            folders += manifest_folders(self.root / FOLDER / self.robot)
+            folders += sorted({beside(path, self.root) for path in manifest_files(self.root)})
+        folders += sorted(path.parent for path in self._inputs.files)
+        folders += [p for p in below(sorted(self._inputs.mounted)) if os.path.isdir(p) and not os.path.islink(p)]
+        folders += sorted(path.parent for path in self._inputs.mounted)
         contexts = [path for path in self._built_from() if os.path.isdir(path)]
         contexts += [self._git / "logs"] if self._git and os.path.isdir(self._git / "logs") else []
         inside = (
-            p for p in dict.fromkeys(found) if f"{os.path.realpath(p)}/".startswith(f"{top}/") and os.path.isdir(p)
+            p for p in dict.fromkeys(folders) if f"{os.path.realpath(p)}/".startswith(f"{top}/") and os.path.isdir(p)
         )
         return list(itertools.islice(itertools.chain(inside, contexts), MOST_FOLDERS))
 

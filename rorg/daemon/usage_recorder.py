@@ -54,10 +54,10 @@ class UsageRecorder:
             if not service:
                 runs = {c.incarnation for c, _ in everything}
                 self._seen = {run: seen for run, seen in self._seen.items() if run in runs}
-            found = [(c, since) for c, since in everything if service in ("", c.service)]
-            usage = self.usage([c for c, _ in found]) if found else {}
+            containers = [(c, since) for c, since in everything if service in ("", c.service)]
+            usage = self.usage([c for c, _ in containers]) if containers else {}
             now = self.clock()
-            measured = [self._one(c, since, now, usage[c.id]) for c, since in found if c.id in usage]
+            measured = [self._one(c, since, now, usage[c.id]) for c, since in containers if c.id in usage]
             self.table.note(self.wall(), [m for m in measured if m])
 
     def _one(self, container: Container, since: float, now: float, used: Usage) -> Measured | None:

@@ -41,8 +41,8 @@ class Wakes:
 
     def take_files(self) -> bool:
         """Whether the tree may have changed; a change after this call counts for the next one."""
-        found, self._files = self._files, False
-        return found
+        changed, self._files = self._files, False
+        return changed
 
     def again(self) -> None:
         """Look at the tree again soon."""
@@ -50,8 +50,8 @@ class Wakes:
 
     def take_requests(self) -> bool:
         """The same of the requests file."""
-        found, self._requests = self._requests, False
-        return found
+        changed, self._requests = self._requests, False
+        return changed
 
     def wait(self, seconds: float | None) -> bool:
         """Wait until something wakes the loop, or so many seconds; return whether it was woken."""

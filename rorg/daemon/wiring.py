@@ -131,11 +131,11 @@ def _retention(tree: Tree) -> Retention:
 
 def _bringers(source: GitSource | None, images: ImageManager | None) -> list[Thread]:
     """What brings manifests and images: the follower of a repository, with a watch if that is on this machine."""
-    found: list[Thread] = [images] if images else []
+    threads: list[Thread] = [images] if images else []
     if source is None:
-        return found
+        return threads
     here = source.cache.followed.remote.local is not None
-    return [*found, source, *([Watcher(source.folders, source.ask, source.ignores)] if here else [])]
+    return [*threads, source, *([Watcher(source.folders, source.ask, source.ignores)] if here else [])]
 
 
 def _image_manager(

@@ -55,8 +55,8 @@ class Workers:
     def take(self) -> list[Outcome]:
         """Outcomes since the previous call."""
         with self._lock:
-            found, self._outcomes = self._outcomes, []
-        return found
+            outcomes, self._outcomes = self._outcomes, []
+        return outcomes
 
     def stop(self, patience: float) -> None:
         """Wait at most `patience` seconds for calls under way. The next rorg sees what the others did."""

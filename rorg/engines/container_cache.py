@@ -50,19 +50,19 @@ class ContainerCache:
         """Begin a look, before the engine is asked."""
         return Look(next(self._numbers), self.clock())
 
-    def show(self, container: str, found: Container | None, look: Look) -> None:
+    def show(self, container: str, inspection: Container | None, look: Look) -> None:
         """Take what a look at one container found, unless a later look has answered already. None: it is gone."""
         with self._lock:
             if self._shown.get(container, 0) > look.number:
                 return
             self._shown[container] = look.number
             old = self._containers.get(container)
-            if found is None:
+            if inspection is None:
                 self._containers.pop(container, None)
             else:
-                self._containers[container] = found
-            self._note([container] if found else [], look)
-            if old != found:
+                self._containers[container] = inspection
+            self._note([container] if inspection else [], look)
+            if old != inspection:
                 self._publish(self._snapshot.complete, self._snapshot.error)
 
     def known(self) -> Mapping[str, Container]:
@@ -73,22 +73,22 @@ class ContainerCache:
     def show_all(self, listed: Iterable[Container], before: Mapping[str, Container], look: Look) -> bool:
         """Take a full list, and return whether it changed anything. Looks at single containers that began later take
         precedence. `before` are the containers that the list did not inspect again."""
-        found = {c.id: c for c in listed}
+        containers = {c.id: c for c in listed}
         with self._lock:
-            self._note([c for c, new in found.items() if not new.brief and new is not before.get(c)], look)
-            found = {c: self._merged(new, before) for c, new in found.items()}
+            self._note([c for c, new in containers.items() if not new.brief and new is not before.get(c)], look)
+            containers = {c: self._merged(new, before) for c, new in containers.items()}
             later = {c: number for c, number in self._shown.items() if number > look.number}
             for container in later:
-                found.pop(container, None)
+                containers.pop(container, None)
                 if container in self._containers:
-                    found[container] = self._containers[container]
-            self._shown = {c: later.get(c, look.number) for c in {*found, *later}}
-            changed = found != self._containers or not self._snapshot.complete
+                    containers[container] = self._containers[container]
+            self._shown = {c: later.get(c, look.number) for c in {*containers, *later}}
+            changed = containers != self._containers or not self._snapshot.complete
             # Unchanged containers stay the same object, which is how a pass recognizes them.
             self._containers = {
-                c: known if (known := self._containers.get(c)) == new else new for c, new in found.items()
+                c: known if (known := self._containers.get(c)) == new else new for c, new in containers.items()
             }
-            self._looked = {c: at for c, at in self._looked.items() if c in found}
+            self._looked = {c: at for c, at in self._looked.items() if c in containers}
             if changed:
                 self._publish(True, "")
         return changed
@@ -165,15 +165,15 @@ class ContainerCache:
             self._looked.update((c, look.since) for c in containers if look.since > self._looked.get(c, 0.0))
             self._changed = self._changed or bool(containers)
 
-    def _merged(self, found: Container, before: Mapping[str, Container]) -> Container:
+    def _merged(self, container: Container, before: Mapping[str, Container]) -> Container:
         """If the engine reported only the state of a container, or nothing new, combine that with what is known of
         it."""
-        known = self._containers.get(found.id)
-        if found is before.get(found.id):
-            return known or found
-        if known is None or not found.brief:
-            return found
-        return replace(known, state=found.state) if known.alive and found.alive else known
+        known = self._containers.get(container.id)
+        if container is before.get(container.id):
+            return known or container
+        if known is None or not container.brief:
+            return container
+        return replace(known, state=container.state) if known.alive and container.alive else known
 
     def _publish(self, complete: bool, error: str) -> None:
         """Publish a change. As long as the engine is silent the snapshot stays incomplete."""

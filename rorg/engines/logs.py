@@ -82,10 +82,10 @@ class Entries:
     def take(self) -> tuple[list[Entry], bool]:
         """Return (new entries, whether these are the last)."""
         with self._room:
-            over, found = self._over, list(self._found)
+            over, entries = self._over, list(self._found)
             self._found.clear()
             self._room.notify_all()
-        return found, over
+        return entries, over
 
     def end(self) -> None:
         """The consumer has gone."""
@@ -168,8 +168,8 @@ def _began(container: Container) -> float:
 def _before(end: float, tail: int | None, lines: Iterable[LogLine]) -> Iterable[LogLine]:
     """The last lines before a time, or all of them."""
     text = nano_stamp(int(end * 1e9))
-    found = takewhile(lambda line: line.time < text, lines)
-    return found if tail is None else deque(found, maxlen=tail)
+    earlier_lines = takewhile(lambda line: line.time < text, lines)
+    return earlier_lines if tail is None else deque(earlier_lines, maxlen=tail)
 
 
 def _entry(service: str, container: Container, line: LogLine) -> Entry:

@@ -87,8 +87,8 @@ class Observer:
     def snapshot(self) -> Observed:
         """Complete once the containers are known, and the networks and volumes if the engine has any."""
         objects = self.objects.snapshot() if self.objects else None
-        found = self._cache.snapshot(objects)
-        return replace(found, complete=False) if objects and not objects.complete else found
+        observed = self._cache.snapshot(objects)
+        return replace(observed, complete=False) if objects and not objects.complete else observed
 
     def look_for(self, keys: Collection[str]) -> None:
         """Also find networks and volumes with these names."""
@@ -109,12 +109,12 @@ class Observer:
         answer, the whole snapshot is incomplete until the next full list."""
         look = self._cache.begin()
         try:
-            found = self.engine.inspect(container)
+            inspection = self.engine.inspect(container)
         except RorgError as error:
             self._lost(error)
             self._doubt.set()
             return
-        self._cache.show(container, found, look)
+        self._cache.show(container, inspection, look)
 
     def acting(self, container: str) -> AbstractContextManager[None]:
         """Leave events of this container to done(), which the caller calls after the block."""

@@ -60,17 +60,17 @@ class ObjectObserver:
             with self._lock:
                 keys = self._keys
             try:
-                found = self.engine.find_objects(keys)
+                objects = self.engine.find_objects(keys)
             except Unreachable:
                 raise
             except RorgError as error:
-                found = FoundObjects(complete=True, error=str(error))
+                objects = FoundObjects(complete=True, error=str(error))
             self.looks += 1
-            if keys or found.found:
+            if keys or objects.found:
                 self._matters.set()
             with self._lock:
-                changed = found != self._found
-                self._found = found if changed else self._found
+                changed = objects != self._found
+                self._found = objects if changed else self._found
         if changed:
             self.wake()
 

@@ -48,8 +48,8 @@ class Checkpoints:
 
     def damage(self) -> str:
         """What SQLite finds wrong with the file; empty if it finds nothing."""
-        found = self._connection.execute("PRAGMA quick_check(1)").fetchone()
-        return "" if found == ("ok",) else str(found and found[0])
+        row = self._connection.execute("PRAGMA quick_check(1)").fetchone()
+        return "" if row == ("ok",) else str(row and row[0])
 
     def close(self) -> None:
         """Closing the last connection makes a checkpoint, which syncs."""

@@ -207,8 +207,8 @@ class Database:
         """Move the file aside if SQLite finds it damaged."""
 
         def look(checkpoints: Checkpoints) -> None:
-            if found := checkpoints.damage():
-                raise _Spoilt(found)
+            if damage := checkpoints.damage():
+                raise _Spoilt(damage)
 
         self._use(look)
 

@@ -132,8 +132,8 @@ class Journal:
         sql = f"SELECT {COLUMNS} FROM entry WHERE {condition} ORDER BY seq {order} LIMIT ?"
         stored = [entry for row in self.database.rows(sql, [*args, most]) if (entry := _entry(row))]
         # What the disk refused is in memory only.
-        found = {entry["seq"]: entry for entry in (*stored, *near)}
-        ordered = [found[seq] for seq in sorted(found)]
+        entries = {entry["seq"]: entry for entry in (*stored, *near)}
+        ordered = [entries[seq] for seq in sorted(entries)]
         return ordered[-most:] if newest and most else ordered[:most]
 
 
@@ -147,10 +147,10 @@ def named(entry: dict[str, Any]) -> list[str]:
 def named_in(more: str) -> list[str]:
     """The same for a stored entry."""
     try:
-        found = json.loads(more)
+        fields = json.loads(more)
     except (ValueError, TypeError, RecursionError):
         return []
-    return named(found) if isinstance(found, dict) else []
+    return named(fields) if isinstance(fields, dict) else []
 
 
 def _entry(row: tuple[Any, ...]) -> dict[str, Any] | None:

@@ -28,7 +28,7 @@ class Asked:
         """Record that meta-services request these from now on (ISO 8601 in UTC)."""
         text = json.dumps([_said(request) for request in requests])
         if self._last is None:
-            self._last = next((found for _, found in self.database.rows(NEWEST, (ANY,))), "[]")
+            self._last = next((stored_text for _, stored_text in self.database.rows(NEWEST, (ANY,))), "[]")
         if text == self._last:
             return
         self._last, content = text, hashlib.sha256(text.encode()).hexdigest()[:32]

@@ -33,9 +33,9 @@ TELLING = frozenset({"state", "found", "done", "crashed", "restart", "hold"})
 def resolve(text: str, revisions: Revisions, commit_of: Callable[[str], str]) -> Revision:
     """The revision of a name, with its services. `commit_of` returns git's commit of a name, or an empty text. Raises
     Missing."""
-    found = parse(text, revisions)
-    if isinstance(found, Revision):
-        return found
+    revision = parse(text, revisions)
+    if isinstance(revision, Revision):
+        return revision
     commit = commit_of(text) or (text if COMMIT.fullmatch(text) else "")
     known = revisions.of_commit(commit) if commit else None
     if known is None:
@@ -51,8 +51,8 @@ def listed(revisions: Revisions, most: int, before: int = 0) -> list[dict[str, A
 
 def brief(revision: Revision) -> dict[str, Any]:
     """A revision as it is in a list."""
-    found = {name: getattr(revision, name) for name in FIELDS if name != "plan"}
-    return {**found, "errors": list(revision.errors)}
+    fields = {name: getattr(revision, name) for name in FIELDS if name != "plan"}
+    return {**fields, "errors": list(revision.errors)}
 
 
 def full(revision: Revision) -> dict[str, Any]:
@@ -102,8 +102,8 @@ def timeline(journal: Journal, service: str, since: str, until: str) -> dict[str
     entries = journal.select(Filter(TELLING, services, since=since, until=until), MOST_SPANS, newest=True)
     begin = entries[0]["at"] if len(entries) == MOST_SPANS else since
     known = [*before, *(e for e in entries if not before or e["seq"] > before[0]["seq"])]
-    found = spans(service, known, begin, until, _authors(journal, until))
-    return {"service": service, "begin": begin, "end": until, "spans": [span.as_json() for span in found]}
+    states = spans(service, known, begin, until, _authors(journal, until))
+    return {"service": service, "begin": begin, "end": until, "spans": [span.as_json() for span in states]}
 
 
 def _authors(journal: Journal, end: str) -> Author:
@@ -113,9 +113,9 @@ def _authors(journal: Journal, end: str) -> Author:
         return [e for e in journal.select(meant, MOST_ASKED, newest=True) if e.get("request") == id]
 
     def author(requester: str, id: str, until: str) -> str:
-        found = asked(requester, id)
-        before = bisect_right(found, until, key=itemgetter("at"))
-        return str(found[before - 1].get("author", "")) if before else ""
+        requests = asked(requester, id)
+        before = bisect_right(requests, until, key=itemgetter("at"))
+        return str(requests[before - 1].get("author", "")) if before else ""
 
     return author
 
@@ -124,14 +124,14 @@ def records(journal: Journal, revisions: Revisions) -> Iterator[dict[str, Any]]:
     """Everything on record: revisions, then entries of the journal, each in the order of their numbers."""
     newest = next(iter(revisions.list(1)), None)
     for number in range(1, newest.number + 1 if newest else 1):
-        found = revisions.get(number)
-        if found:
-            yield {"revision": full(found)}
+        revision = revisions.get(number)
+        if revision:
+            yield {"revision": full(revision)}
     yield from ({"event": entry} for entry in _entries(journal))
 
 
 def _entries(journal: Journal) -> Iterator[dict[str, Any]]:
     at, last = 0, journal.last
-    while at < last and (found := journal.after(at, SLICE)):
-        at = found[-1]["seq"]
-        yield from found
+    while at < last and (entries := journal.after(at, SLICE)):
+        at = entries[-1]["seq"]
+        yield from entries

@@ -25,14 +25,14 @@ def folded(entries: Iterable[Mapping[str, Any]], window: int = WINDOW) -> list[F
     """Combine entries that are the same as one of the last `window` lines, except for times and counts, in the place of
     the later one."""
     near: dict[tuple[str, ...], Folded] = {}
-    found: list[Folded] = []
+    lines: list[Folded] = []
     for entry in entries:
         key = _said(entry)
         before = near.pop(key, None)
         near[key] = Folded(entry, before.times + 1, before.since) if before else Folded(entry, 1, entry["at"])
         if len(near) > window:
-            found.append(near.pop(next(iter(near))))
-    return [*found, *near.values()]
+            lines.append(near.pop(next(iter(near))))
+    return [*lines, *near.values()]
 
 
 def _said(entry: Mapping[str, Any]) -> tuple[str, ...]:

@@ -89,9 +89,9 @@ def _services(journal: Journal, end: str, meta: set[str], old: list[Mapping[str,
 
 def _entries(journal: Journal, end: str) -> Iterator[dict[str, Any]]:
     after = 0
-    while found := journal.select(Filter(KINDS, until=end, after=after), SLICE):
-        after = found[-1]["seq"]
-        yield from found
+    while entries := journal.select(Filter(KINDS, until=end, after=after), SLICE):
+        after = entries[-1]["seq"]
+        yield from entries
 
 
 def _from(begin: str, changes: Iterable[Asking]) -> Iterator[Asking]:

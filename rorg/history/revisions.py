@@ -124,20 +124,22 @@ class Revisions:
 
     def get(self, number: int) -> Revision | None:
         """With its services."""
-        found = self._select("number = ?", (number,), 1)
-        if not found or found[0].standing == "refused":
-            return found[0] if found else None
-        return replace(found[0], services=self._made("first <= ? AND (last IS NULL OR last >= ?)", (number, number)))
+        revisions = self._select("number = ?", (number,), 1)
+        if not revisions or revisions[0].standing == "refused":
+            return revisions[0] if revisions else None
+        return replace(
+            revisions[0], services=self._made("first <= ? AND (last IS NULL OR last >= ?)", (number, number))
+        )
 
     def last(self, standing: str = "") -> Revision | None:
         """The last one, or the last one with a standing, with its services."""
-        found = self._select("? IN ('', standing)", (standing,), 1)
-        return self.get(found[0].number) if found else None
+        revisions = self._select("? IN ('', standing)", (standing,), 1)
+        return self.get(revisions[0].number) if revisions else None
 
     def in_force(self) -> Revision | None:
         """The last one that was not refused, with its services."""
-        found = self._select("standing <> 'refused'", (), 1)
-        return self.get(found[0].number) if found else None
+        revisions = self._select("standing <> 'refused'", (), 1)
+        return self.get(revisions[0].number) if revisions else None
 
     def list(self, most: int, before: int = 0) -> Sequence[Revision]:
         """The newest ones first; with `before`, only those older than that number."""
@@ -145,9 +147,9 @@ class Revisions:
 
     def of_commit(self, commit: str) -> Revision | None:
         """The last one of a git commit, in full or abbreviated, with its services."""
-        found = self._select("git LIKE ? AND standing <> 'refused'", (f"{commit}%",), 1)
-        found = found or self._select("git LIKE ?", (f"{commit}%",), 1)
-        return self.get(found[0].number) if found else None
+        revisions = self._select("git LIKE ? AND standing <> 'refused'", (f"{commit}%",), 1)
+        revisions = revisions or self._select("git LIKE ?", (f"{commit}%",), 1)
+        return self.get(revisions[0].number) if revisions else None
 
     def _select(self, condition: str, args: tuple[Any, ...], most: int) -> Sequence[Revision]:
         sql = f"SELECT {COLUMNS} FROM revision WHERE {condition} ORDER BY number DESC LIMIT ?"
@@ -209,16 +211,18 @@ class Numbered(Protocol):
 
 def parse(text: str, revisions: Numbered) -> Revision | str:
     """The revision of that number, if there is one; otherwise the text, for git: a commit, a tag, a branch, HEAD~2."""
-    found = revisions.get(int(text)) if text.isascii() and NUMBER.fullmatch(text) else None
-    return found or text
+    revision = revisions.get(int(text)) if text.isascii() and NUMBER.fullmatch(text) else None
+    return revision or text
 
 
 def for_git(text: str, revisions: Numbered) -> str:
     """The same for git: of a revision its commit. Raises Invalid if no commit has that revision."""
-    found = parse(text, revisions)
-    if not isinstance(found, Revision):
-        return found
-    if found.dirty or not found.commit:
-        why = "its manifests were not all committed" if found.commit else "its tree was in no repository"
-        raise Invalid(f"read the manifests of revision {found.number}", why, f"`rorg history show {found.number}`")
-    return found.commit
+    revision = parse(text, revisions)
+    if not isinstance(revision, Revision):
+        return revision
+    if revision.dirty or not revision.commit:
+        why = "its manifests were not all committed" if revision.commit else "its tree was in no repository"
+        raise Invalid(
+            f"read the manifests of revision {revision.number}", why, f"`rorg history show {revision.number}`"
+        )
+    return revision.commit

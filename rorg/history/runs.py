@@ -20,13 +20,13 @@ class Runs:
 
     def read(self) -> dict[str, Any]:
         """The kept memory of each service. Rows that are not JSON are ignored."""
-        found = {}
+        memories = {}
         for service, text in self.database.rows("SELECT service, text FROM run"):
             try:
-                found[service] = json.loads(text)
+                memories[service] = json.loads(text)
             except (ValueError, TypeError, RecursionError):
                 continue
-        return found
+        return memories
 
     def write(self, texts: Mapping[str, str], gone: Collection[str]) -> bool:
         """Write what is new of services, and remove those that are gone. False if the disk refuses: then the caller

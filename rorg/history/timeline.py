@@ -40,17 +40,17 @@ class Span:
 def spans(service: str, entries: Iterable[Mapping[str, Any]], begin: str, end: str, author: Author) -> list[Span]:
     """Spans from `begin` to `end`, as far as states are on record. `entries` are about the service, with the one that
     tells its state at the beginning."""
-    found, told = list[Span](), _Told()
+    timeline, told = list[Span](), _Told()
     for entry in entries:
         state = _state(service, entry)
         if not state:
             told.note(service, entry)
-        elif not found or state != found[-1].state:
+        elif not timeline or state != timeline[-1].state:
             at = max(begin, entry["at"])
-            found[-1:] = [replace(last, end=at) for last in found[-1:] if last.begin != at]
-            found.append(Span(state, at, end, told.why(entry, state), told.who(entry, state, author)))
-    found[-1:] = [replace(last, open=True) for last in found[-1:]]
-    return found
+            timeline[-1:] = [replace(last, end=at) for last in timeline[-1:] if last.begin != at]
+            timeline.append(Span(state, at, end, told.why(entry, state), told.who(entry, state, author)))
+    timeline[-1:] = [replace(last, open=True) for last in timeline[-1:]]
+    return timeline
 
 
 def _state(service: str, entry: Mapping[str, Any]) -> str:

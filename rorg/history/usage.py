@@ -41,9 +41,9 @@ class UsageTable:
     def __init__(self, database: Database) -> None:
         self.database = database
 
-    def note(self, at: str, found: Sequence[Measured]) -> None:
+    def note(self, at: str, measurements: Sequence[Measured]) -> None:
         """Add the measurements up to a time (ISO 8601 in UTC). If the disk refuses them, they are lost."""
-        rows = [(at[:HOUR], m.service, m.run, m.seconds, m.cpu, m.seconds * m.memory, m.memory) for m in found]
+        rows = [(at[:HOUR], m.service, m.run, m.seconds, m.cpu, m.seconds * m.memory, m.memory) for m in measurements]
         if rows:
             self.database.write([(UPSERT, rows)], keep=False)
 

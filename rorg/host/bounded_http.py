@@ -57,9 +57,9 @@ class Secured(Connection, ssl.SSLSocket):  # type: ignore[misc]  # typeshed name
 def secured(connection: Connection, host: str) -> Secured:
     """TLS over a connection, with a peer that proves to be this host. Raises OSError."""
     connection.settimeout(connection.deadline.left())
-    found: Secured = _context().wrap_socket(connection, server_hostname=host)  # type: ignore[assignment]
-    found.bound(connection.deadline, connection.most)
-    return found
+    encrypted: Secured = _context().wrap_socket(connection, server_hostname=host)  # type: ignore[assignment]
+    encrypted.bound(connection.deadline, connection.most)
+    return encrypted
 
 
 @cache
@@ -74,14 +74,14 @@ def connect(host: str, port: int, deadline: Deadline, most: int = HEAD) -> Conne
     """A connection to the first address that accepts one. Raises OSError."""
     addresses, refused = _addresses(host, port, deadline), OSError(errno.EADDRNOTAVAIL, f"{host} has no address")
     for index, (family, kind, protocol, _, address) in enumerate(addresses):
-        found = Connection(family, kind, protocol)
-        found.bound(deadline, most)
+        connection = Connection(family, kind, protocol)
+        connection.bound(deadline, most)
         try:
-            found.settimeout(deadline.left() / (len(addresses) - index))
-            found.connect(address)
-            return found
+            connection.settimeout(deadline.left() / (len(addresses) - index))
+            connection.connect(address)
+            return connection
         except OSError as error:
-            found.close()
+            connection.close()
             refused = error
     raise refused
 
@@ -101,8 +101,8 @@ def answer(
         if parts.scheme == "https":
             asked.sock = secured(connection, host)
         asked.request("GET" if body is None else "POST", path, body, {"Connection": "close", **(headers or {})})
-        with asked.getresponse() as found:
-            yield found
+        with asked.getresponse() as response:
+            yield response
     except OSError:  # of TLS some are ValueErrors, too
         raise
     except (http.client.HTTPException, ValueError) as error:
@@ -129,17 +129,17 @@ def _addresses(host: str, port: int, deadline: Deadline) -> list[Any]:
     with contextlib.suppress(OSError):
         return socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_NUMERICHOST)
     with _lock:
-        found = _lookups.get((host, port))
-        if found is None:
-            found = _lookups[host, port] = Future()
-            threading.Thread(target=_look_up, args=(host, port, found), name="resolver", daemon=True).start()
+        lookup = _lookups.get((host, port))
+        if lookup is None:
+            lookup = _lookups[host, port] = Future()
+            threading.Thread(target=_look_up, args=(host, port, lookup), name="resolver", daemon=True).start()
     try:
-        return found.result(deadline.left())
+        return lookup.result(deadline.left())
     except TimeoutError:
         raise TimeoutError(f"the look-up of {host} timed out") from None
 
 
-def _look_up(host: str, port: int, found: Future[list[Any]]) -> None:
+def _look_up(host: str, port: int, lookup: Future[list[Any]]) -> None:
     try:
         addresses: list[Any] | OSError = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
     except OSError as error:
@@ -149,6 +149,6 @@ def _look_up(host: str, port: int, found: Future[list[Any]]) -> None:
     with _lock:
         del _lookups[host, port]
     if isinstance(addresses, OSError):
-        found.set_exception(addresses)
+        lookup.set_exception(addresses)
     else:
-        found.set_result(addresses)
+        lookup.set_result(addresses)

@@ -70,13 +70,13 @@ def _stat(file: Path, key: str) -> int:
 def end_processes(container: str) -> bool:
     """End processes of a container (its whole id) that its engine does not know, because it was killed during a start.
     They are found by the name of their cgroup. False if there are none on this machine, or if they do not end."""
-    found = [process for process in psutil.process_iter() if _belongs(process, container)]
-    for process in found:
+    processes = [process for process in psutil.process_iter() if _belongs(process, container)]
+    for process in processes:
         _signal(process, kill=False)
-    _, alive = psutil.wait_procs(found, PATIENCE)
+    _, alive = psutil.wait_procs(processes, PATIENCE)
     for process in alive:
         _signal(process, kill=True)
-    return bool(found) and not psutil.wait_procs(alive, PATIENCE)[1]
+    return bool(processes) and not psutil.wait_procs(alive, PATIENCE)[1]
 
 
 def _belongs(process: psutil.Process, container: str) -> bool:

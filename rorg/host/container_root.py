@@ -26,12 +26,12 @@ def modified(root: str, path: str) -> float:
                     os.close(way.pop())
                 continue
             # Go on from what was checked, even if someone inside renames it meanwhile.
-            found = os.open(name, os.O_PATH | os.O_NOFOLLOW | os.O_CLOEXEC, dir_fd=way[-1])
-            way.append(found)
+            handle = os.open(name, os.O_PATH | os.O_NOFOLLOW | os.O_CLOEXEC, dir_fd=way[-1])
+            way.append(handle)
             if len(way) > MOST_DEPTH:
                 raise OSError(errno.ENAMETOOLONG, os.strerror(errno.ENAMETOOLONG))
-            if stat.S_ISLNK(os.fstat(found).st_mode):
-                target, links = os.readlink("", dir_fd=found), links + 1
+            if stat.S_ISLNK(os.fstat(handle).st_mode):
+                target, links = os.readlink("", dir_fd=handle), links + 1
                 if links > MOST_LINKS:
                     raise OSError(errno.ELOOP, os.strerror(errno.ELOOP))
                 for _ in range(len(way) - 1 if target.startswith("/") else 1):

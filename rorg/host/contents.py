@@ -32,7 +32,7 @@ class Contents:
 
     def of(self, catalog: Catalog, root: Path) -> dict[str, dict[str, str]]:
         """Service -> path below the tree -> digest of what is there. Services with `on_change: none` are left out."""
-        base, found, mounts = str(root.resolve()), dict[str, dict[str, str]](), dict[str, str]()
+        base, digests, mounts = str(root.resolve()), dict[str, dict[str, str]](), dict[str, str]()
         self.files.begin()
         for name, service in catalog.services.items():
             if service.spec is None or service.on_change == "none":
@@ -42,8 +42,8 @@ class Contents:
                     mounts[source] = self._digest(source)
             there = {os.path.relpath(s, base): d for s in mounted(service.spec, base) if (d := mounts[s])}
             if there:
-                found[name] = there
-        return found
+                digests[name] = there
+        return digests
 
     def _digest(self, source: str) -> str:
         """ "" if it is too large."""
@@ -63,7 +63,7 @@ class Contents:
 
 def mounted(spec: Spec, base: str) -> list[str]:
     """Paths below `base` that a container can read but not write. Paths that it can write are its own."""
-    found = []
+    sources = []
     for volume in spec.get("volumes", ()):
         if isinstance(volume, Mapping):
             source = volume.get("source", "") if volume.get("type") == "bind" and volume.get("read_only") else ""
@@ -71,8 +71,8 @@ def mounted(spec: Spec, base: str) -> list[str]:
             source, _, rest = volume.partition(":")
             source = source if "ro" in rest.partition(":")[2].split(",") else ""
         if source.startswith(f"{base}/"):
-            found.append(os.path.normpath(source))
-    return list(dict.fromkeys(found))
+            sources.append(os.path.normpath(source))
+    return list(dict.fromkeys(sources))
 
 
 def walk(source: str) -> Iterator[tuple[str, os.stat_result]]:
@@ -117,14 +117,14 @@ class FileDigests:
 
     def _file(self, path: str, facts: os.stat_result) -> str:
         key = (facts.st_mtime_ns, facts.st_ctime_ns, facts.st_size, facts.st_ino)
-        found = self._known.get(path) or self._before.get(path)
-        if found is None or found[0] != key:
+        record = self._known.get(path) or self._before.get(path)
+        if record is None or record[0] != key:
             self.read += 1
             descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
             with open(descriptor, "rb") as file:
-                found = key, hashlib.file_digest(file, "sha256").hexdigest()
-        self._known[path] = found
-        return found[1]
+                record = key, hashlib.file_digest(file, "sha256").hexdigest()
+        self._known[path] = record
+        return record[1]
 
 
 def below(places: Iterable[Path]) -> Iterator[Path]:
@@ -150,12 +150,12 @@ def _context(place: Path) -> Iterator[Path]:
 
 def stats(paths: Iterable[Path]) -> Stats:
     """Of the files that exist."""
-    found = []
+    files = []
     for path in paths:
         try:
             # A dangling link belongs to the tree too.
             stat = os.stat(path) if os.path.exists(path) else os.lstat(path)
         except OSError:
             continue
-        found.append((str(path), stat.st_mtime_ns, stat.st_size, stat.st_ino))
-    return tuple(found)
+        files.append((str(path), stat.st_mtime_ns, stat.st_size, stat.st_ino))
+    return tuple(files)

@@ -75,8 +75,8 @@ def post(url: str, text: bytes, headers: Mapping[str, str], timeout: float) -> N
     except OSError as error:
         raise Undelivered("its URL is not an http:// or https:// URL", again=False) from error
     try:
-        with answer(url, Deadline.within(timeout), body=text, headers=headers) as found:
-            status = found.status
+        with answer(url, Deadline.within(timeout), body=text, headers=headers) as reply:
+            status = reply.status
     except OSError as error:
         raise Undelivered(f"{host}: {error.strerror or error}") from error
     if not 200 <= status < 300:
@@ -90,15 +90,15 @@ def first_line(path: str) -> str:
 
 def headers_of(path: str) -> dict[str, str]:
     """The headers in a file: lines `NAME: VALUE`; empty lines and comments (#) do not count. Raises Undelivered."""
-    found = {}
+    headers = {}
     for number, line in enumerate(_lines(path), 1):
         name, colon, value = line.partition(":")
         if line.startswith("#") or not line:
             continue
         if not colon or not name.strip():
             raise Undelivered(f"line {number} of {path} is not NAME: VALUE", again=False)
-        found[name.strip()] = value.strip()
-    return found
+        headers[name.strip()] = value.strip()
+    return headers
 
 
 def _lines(path: str) -> list[str]:

@@ -33,36 +33,36 @@ def elsewhere(devices: Collection[Device]) -> dict[Device, Plugged]:
 def _by_path(path: str, root: str) -> Plugged:
     place = os.path.join(root, path.lstrip("/"))
     try:
-        found = os.stat(place)
+        stat_result = os.stat(place)
     except OSError:
         return Plugged(problem=GONE)
-    if stat.S_ISDIR(found.st_mode):
+    if stat.S_ISDIR(stat_result.st_mode):
         return Plugged(path)
-    if not (stat.S_ISCHR(found.st_mode) or stat.S_ISBLK(found.st_mode)):
+    if not (stat.S_ISCHR(stat_result.st_mode) or stat.S_ISBLK(stat_result.st_mode)):
         return Plugged(problem="is not a device")
     base = os.path.realpath(root)
-    return Plugged("/" + os.path.relpath(os.path.realpath(place), base), _number(found))
+    return Plugged("/" + os.path.relpath(os.path.realpath(place), base), _number(stat_result))
 
 
-def _number(found: os.stat_result) -> str:
-    kind = "c" if stat.S_ISCHR(found.st_mode) else "b"
-    return f"{kind} {os.major(found.st_rdev)}:{os.minor(found.st_rdev)}"
+def _number(stat_result: os.stat_result) -> str:
+    kind = "c" if stat.S_ISCHR(stat_result.st_mode) else "b"
+    return f"{kind} {os.major(stat_result.st_rdev)}:{os.minor(stat_result.st_rdev)}"
 
 
 def _by_udev(device: Device, root: str) -> Plugged:
     """The first of several nodes of one piece of hardware; several pieces are indistinguishable."""
-    wanted, found = dict(device.udev), dict[str, list[str]]()
+    wanted, by_owner = dict(device.udev), dict[str, list[str]]()
     for folder in _all(root):
         name = _attribute(folder / "uevent", "DEVNAME=")
         owner = _owner(folder, wanted, root) if name else None
         if owner is not None:
-            found.setdefault(str(owner), []).append(f"/dev/{name}")
-    if not found:
+            by_owner.setdefault(str(owner), []).append(f"/dev/{name}")
+    if not by_owner:
         return Plugged(problem=GONE)
-    if len(found) > 1:
-        names = ", ".join(sorted(min(nodes, key=_natural) for nodes in found.values()))
+    if len(by_owner) > 1:
+        names = ", ".join(sorted(min(nodes, key=_natural) for nodes in by_owner.values()))
         return Plugged(problem=f"is ambiguous: {names} match")
-    (nodes,) = found.values()
+    (nodes,) = by_owner.values()
     own = [n for n in nodes if "subsystem" in wanted or not n.startswith("/dev/bus/")] or nodes
     return _by_path(min(own, key=_natural), root)
 
@@ -169,10 +169,10 @@ class DeviceWatch:
     def _look(self) -> bool:
         """Whether any device has changed."""
         with self._lock:
-            found = look(self._devices, self.root)
-            if found == self._found:
+            plugged = look(self._devices, self.root)
+            if plugged == self._found:
                 return False
-            self._found = found
+            self._found = plugged
             return True
 
 

@@ -40,17 +40,19 @@ class Commit:
 
 def identity(home: str) -> dict[str, str]:
     """Name and address of the person with this home, as git's variables for a committer without a ~/.gitconfig."""
-    found: dict[str, str] = {}
+    variables: dict[str, str] = {}
     for key, what in (("user.name", "NAME"), ("user.email", "EMAIL")) if home else ():
         said = run_git(["-C", home, "config", "--global", "--get", key], environment={"HOME": home})
-        found |= {f"GIT_{who}_{what}": said.text for who in ("AUTHOR", "COMMITTER")} if said.yes and said.text else {}
-    return found
+        variables |= (
+            {f"GIT_{who}_{what}": said.text for who in ("AUTHOR", "COMMITTER")} if said.yes and said.text else {}
+        )
+    return variables
 
 
 def git_dir(directory: Path) -> Path | None:
     """The repository's folder (.git, or a worktree's), or None outside of one."""
-    found = git_text(directory, "rev-parse", "--absolute-git-dir")
-    return Path(found) if found else None
+    folder = git_text(directory, "rev-parse", "--absolute-git-dir")
+    return Path(folder) if folder else None
 
 
 def revision(directory: Path) -> str:
@@ -69,12 +71,12 @@ def commit_of(directory: Path, name: str) -> str:
 
 def refusal(directory: Path) -> str:
     """Why git refuses to answer about another user's repository, and what helps; empty if it does answer."""
-    found = repository(directory)
-    if found is None or "safe.directory" not in ask_git(directory, "rev-parse", errors=True).text:
+    git_path = repository(directory)
+    if git_path is None or "safe.directory" not in ask_git(directory, "rev-parse", errors=True).text:
         return ""
     return (
-        f"git does not trust {found.parent}, since it is another user's: its revision is not known, and nothing is "
-        f"committed there; try `git config --global --add safe.directory {found.parent}`"
+        f"git does not trust {git_path.parent}, since it is another user's: its revision is not known, and nothing is "
+        f"committed there; try `git config --global --add safe.directory {git_path.parent}`"
     )
 
 
@@ -95,12 +97,12 @@ def head(directory: Path) -> Commit | None:
 
 def head_stamp(git: Path | None) -> tuple[tuple[int, int], ...]:
     """Changes when another commit is checked out or made in the repository's folder `git`."""
-    found = []
+    stamps = []
     for name in ("HEAD", "logs/HEAD"):
         with contextlib.suppress(OSError):
             stat = (git / name).stat() if git else None
-            found += [(stat.st_mtime_ns, stat.st_size)] if stat else []
-    return tuple(found)
+            stamps += [(stat.st_mtime_ns, stat.st_size)] if stat else []
+    return tuple(stamps)
 
 
 def checkout_under_way(git: Path | None) -> bool:
@@ -135,11 +137,11 @@ def wait_for_locks(root: Path, since: float) -> None:
 
 def _locks(git: Path, since: float) -> dict[Path, float]:
     """Each lock with the time when it was made."""
-    found = {}
+    locks = {}
     for lock in (*git.glob("*.lock"), *git.glob("refs/**/*.lock")):
         with contextlib.suppress(OSError):
-            found[lock] = lock.stat().st_mtime
-    return {lock: made for lock, made in found.items() if made >= since}
+            locks[lock] = lock.stat().st_mtime
+    return {lock: made for lock, made in locks.items() if made >= since}
 
 
 def commit(root: Path, path: Path, author: str, message: str) -> bool:

@@ -24,11 +24,11 @@ NAMES = ("GIT_AUTHOR_NAME", "GIT_AUTHOR_EMAIL", "GIT_COMMITTER_NAME", "GIT_COMMI
 
 def top_of(directory: Path) -> Path:
     """The top of a directory's work tree. Raises Refused."""
-    found = git_text(directory, "rev-parse", "--show-toplevel")
-    if not found:
+    top = git_text(directory, "rev-parse", "--show-toplevel")
+    if not top:
         why = f"{directory} is in no git repository that this user may read"
         raise Refused(f"commit in {directory}", why, f"`git -C {directory} status` for the reason, or `git init`")
-    return Path(found)
+    return Path(top)
 
 
 def subject_of(directory: Path, commit: str) -> str:
@@ -108,10 +108,10 @@ class Restoring:
 
     def _who(self, person: Person, environment: Mapping[str, str]) -> dict[str, str]:
         """By git's variables, the person's configuration or the repository's; otherwise by the user's name."""
-        found = identity(person.home) | {name: environment[name] for name in NAMES if environment.get(name)}
-        if "GIT_AUTHOR_NAME" not in found and not self._git("config", "--default", "", "--get", "user.name"):
-            found = dict(zip(NAMES, 2 * (person.name, f"{person.name}@rorg.local"), strict=True)) | found
-        return found
+        variables = identity(person.home) | {name: environment[name] for name in NAMES if environment.get(name)}
+        if "GIT_AUTHOR_NAME" not in variables and not self._git("config", "--default", "", "--get", "user.name"):
+            variables = dict(zip(NAMES, 2 * (person.name, f"{person.name}@rorg.local"), strict=True)) | variables
+        return variables
 
     def _git(self, *words: str, environment: Mapping[str, str] | None = None, told: bool = False) -> str:
         what = f"restore {self.source[:SHORT]} in {self.top}"

@@ -50,8 +50,8 @@ def read(directory: Path, *args: str, stdin: int | IO[bytes] = subprocess.DEVNUL
 def _asked(directory: Path, args: Sequence[str], stdin: int | IO[bytes]) -> Iterator[IO[bytes]]:
     """The whole output in a file."""
     what = f"ask git in {directory}"
-    found = repository(directory)
-    owner = owner_of(found) if found else None
+    git_path = repository(directory)
+    owner = owner_of(git_path) if git_path else None
     with tempfile.TemporaryFile() as file:
         try:
             process = begin_git(["-C", str(directory), *args], owner, stdin=stdin, stdout=file)
@@ -76,17 +76,17 @@ def words(output: bytes) -> list[str]:
 def entries(output: bytes) -> list[Entry]:
     """The entries in an output of `git ls-tree -z`: MODE TYPE OBJECT, a tab, PATH. Raises ValueError for what no
     checkout has: a path that leads out, or that could lead out through a link."""
-    found = []
+    tree_entries = []
     for line in words(output):
         about, _, path = line.partition("\t")
         mode, _, name = about.split(" ")
         if path.startswith("/") or {".", "..", ".git", ""} & set(path.split("/")):
             raise ValueError(f"the commit has a file '{path}'")
-        found.append(Entry(mode, name, path))
-    files = {entry.path for entry in found}
-    if twice := next((e.path for e in found if not files.isdisjoint(map(str, Path(e.path).parents))), ""):
+        tree_entries.append(Entry(mode, name, path))
+    files = {entry.path for entry in tree_entries}
+    if twice := next((e.path for e in tree_entries if not files.isdisjoint(map(str, Path(e.path).parents))), ""):
         raise ValueError(f"the commit has '{twice}' below a path that is also a file")
-    return found
+    return tree_entries
 
 
 def contents(top: Path, entries: Sequence[Entry]) -> Iterator[tuple[Entry, bytes]]:
@@ -116,9 +116,9 @@ def _batch(top: Path, args: list[str], lines: list[str]) -> Iterator[bytes]:
 
 def _until(mark: bytes, file: IO[bytes]) -> Iterator[bytes]:
     """Everything up to the newline before a mark; reads the mark too."""
-    found = []
+    lines = []
     while (line := file.readline()) != mark:
         if not line:
             raise ValueError("git ends amid a file")
-        found.append(line)
-    yield b"".join(found).removesuffix(b"\n")
+        lines.append(line)
+    yield b"".join(lines).removesuffix(b"\n")

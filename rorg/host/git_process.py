@@ -115,8 +115,10 @@ def ask_git(
     errors: bool = False,
 ) -> Said:
     """Run git in a directory, as the owner of its repository; see run_git()."""
-    found = repository(directory)
-    return run_git(["-C", str(directory), *words], owner_of(found) if found else None, patience, environment, errors)
+    git_path = repository(directory)
+    return run_git(
+        ["-C", str(directory), *words], owner_of(git_path) if git_path else None, patience, environment, errors
+    )
 
 
 def git_text(directory: Path, *words: str) -> str:

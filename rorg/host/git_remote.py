@@ -51,8 +51,8 @@ class Remote:
     @property
     def local(self) -> Path | None:
         """Its path on this machine; None if it is on another."""
-        found = self.url.removeprefix("file://")
-        return None if _REMOTE.match(found) else Path(found)
+        path = self.url.removeprefix("file://")
+        return None if _REMOTE.match(path) else Path(path)
 
     @property
     def git(self) -> Path | None:

@@ -49,8 +49,8 @@ class Mirror:
     @cached_property
     def _known(self) -> frozenset[str]:
         """Paths that git knows now, and their directories."""
-        found = words(read(self.top, "ls-files", "-z"))
-        return frozenset(found).union(*({str(p) for p in Path(path).parents} for path in found))
+        paths = words(read(self.top, "ls-files", "-z"))
+        return frozenset(paths).union(*({str(p) for p in Path(path).parents} for path in paths))
 
     def bring(self, paths: Iterable[Path], most_files: int, most_bytes: int) -> None:
         """Bring files and directories of this machine that git does not know, as they are now: those in the repository
@@ -87,11 +87,11 @@ class Mirror:
 
     def fill(self) -> None:
         """Write the commit's files in here."""
-        found = entries(read(self.top, "ls-tree", "-r", "-z", "--full-tree", self.commit))
+        tree_entries = entries(read(self.top, "ls-tree", "-r", "-z", "--full-tree", self.commit))
         differing = ("diff", "--name-only", "--no-renames", "--no-ext-diff", "--ignore-submodules", "-z")
         changed = set(words(read(self.top, *differing, self.commit, "--")))
         fetched = []
-        for entry in found:
+        for entry in tree_entries:
             path = self.top / entry.path
             if entry.mode == MODULE:
                 continue
@@ -159,12 +159,12 @@ def resolved(root: Path, text: str) -> str:
         raise Invalid(what, why, f"`git init {root}` and a commit, or `git -C {root} status` for the reason")
     # An option is no commit, and must not reach git.
     odd = text.startswith("-") or "\0" in text
-    found = "" if odd else said(root, "rev-parse", "--verify", "--quiet", f"{text}^{{commit}}")
-    if not found:
+    commit = "" if odd else said(root, "rev-parse", "--verify", "--quiet", f"{text}^{{commit}}")
+    if not commit:
         names = said(root, "for-each-ref", "--format=%(refname:short)").splitlines()
         near = difflib.get_close_matches(text, names, 1)
         raise Invalid(what, "git knows no such commit, tag or branch", f"'{near[0]}'" if near else "`git log`")
-    return found
+    return commit
 
 
 # -- files -----------------------------------------------------------------------------------------------------

@@ -36,11 +36,16 @@ def space(path: Path) -> Space | None:
     while not os.path.exists(path) and path != path.parent:
         path = path.parent
     try:
-        found = os.statvfs(path)
+        filesystem = os.statvfs(path)
     except OSError:
         return None
-    block = found.f_frsize
-    return Space(str(path), found.f_bavail * block, found.f_blocks * block, found.f_favail if found.f_files else 0)
+    block = filesystem.f_frsize
+    return Space(
+        str(path),
+        filesystem.f_bavail * block,
+        filesystem.f_blocks * block,
+        filesystem.f_favail if filesystem.f_files else 0,
+    )
 
 
 def git_version() -> str:

@@ -17,21 +17,21 @@ LISTENS = "0A"
 
 def open_ports() -> frozenset[int]:
     """TCP ports of this machine with a listener, found without looking at processes."""
-    found = set[int]()
+    ports = set[int]()
     for table in TABLES:
         try:
             lines = Path(table).read_text().splitlines()[1:]
         except OSError:
             continue  # this protocol is missing here
         rows = (line.split() for line in lines)
-        found.update(int(row[1].rpartition(":")[2], 16) for row in rows if row[3] == LISTENS)
-    return frozenset(found)
+        ports.update(int(row[1].rpartition(":")[2], 16) for row in rows if row[3] == LISTENS)
+    return frozenset(ports)
 
 
 def listeners() -> dict[int, int]:
     """The process that listens at each TCP port, as far as we may see it."""
-    found = psutil.net_connections("tcp")
-    return {c.laddr.port: c.pid for c in found if c.laddr and c.pid and c.status == psutil.CONN_LISTEN}
+    connections = psutil.net_connections("tcp")
+    return {c.laddr.port: c.pid for c in connections if c.laddr and c.pid and c.status == psutil.CONN_LISTEN}
 
 
 def listening(port: int) -> int | None:
@@ -58,5 +58,5 @@ def lineage(pid: int | None) -> list[int]:
 
 def own_names() -> frozenset[str]:
     """Names and addresses of this machine, in small letters. Asks no name server."""
-    addresses = (a.address.partition("%")[0] for found in psutil.net_if_addrs().values() for a in found)
+    addresses = (a.address.partition("%")[0] for interface in psutil.net_if_addrs().values() for a in interface)
     return frozenset(name.lower() for name in ("localhost", "127.0.1.1", "::1", socket.gethostname(), *addresses))

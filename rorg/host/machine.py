@@ -43,24 +43,24 @@ def gather(paths: Iterable[str], root: Path = Path("/")) -> Machine:
 def _free(folder: Path) -> int | None:
     """Bytes that can still be written there."""
     try:
-        found = os.statvfs(folder)
+        filesystem = os.statvfs(folder)
     except OSError:
         return None
-    return found.f_bavail * found.f_frsize
+    return filesystem.f_bavail * filesystem.f_frsize
 
 
 def node(place: Path, path: str) -> Node:
     """The kind of file at a place; links are followed. `path`: its name."""
     try:
-        found = os.stat(place)
+        stat_result = os.stat(place)
     except (OSError, ValueError):
         return Node(ABSENT, near=_near(place, path))
     kinds = ((stat.S_ISCHR, DEVICE), (stat.S_ISBLK, DEVICE), (stat.S_ISDIR, DIRECTORY), (stat.S_ISSOCK, SOCKET))
-    kind = next((name for test, name in kinds if test(found.st_mode)), FILE)
+    kind = next((name for test, name in kinds if test(stat_result.st_mode)), FILE)
     group = ""
     with contextlib.suppress(KeyError):
-        group = grp.getgrgid(found.st_gid).gr_name
-    return Node(kind, stat.S_IMODE(found.st_mode), found.st_uid, found.st_gid, group)
+        group = grp.getgrgid(stat_result.st_gid).gr_name
+    return Node(kind, stat.S_IMODE(stat_result.st_mode), stat_result.st_uid, stat_result.st_gid, group)
 
 
 def _near(place: Path, path: str) -> str:
@@ -84,12 +84,12 @@ def sysctl(name: str, root: Path = Path("/")) -> int | None:
 
 def ports() -> dict[int, str]:
     """TCP ports of this machine with a listener, and its program if we may know it; without engines."""
-    found: dict[int, str] = {}
+    programs: dict[int, str] = {}
     with contextlib.suppress(psutil.Error, OSError):
         for connection in psutil.net_connections("tcp"):
             if connection.status == psutil.CONN_LISTEN and connection.laddr:
-                found[connection.laddr.port] = _program(connection.pid)
-    return {port: program for port, program in found.items() if program not in ENGINES}
+                programs[connection.laddr.port] = _program(connection.pid)
+    return {port: program for port, program in programs.items() if program not in ENGINES}
 
 
 def _program(pid: int | None) -> str:

@@ -71,11 +71,11 @@ def remove_unused(folder: Path, group_of: Callable[[str], str], before: float, l
 
 def _groups(folder: Path, group_of: Callable[[str], str]) -> dict[str, list[Path]]:
     """Regular files by group, with those that a killed rorg had set aside."""
-    found: dict[str, list[Path]] = {}
+    by_group: dict[str, list[Path]] = {}
     for path in sorted(folder.iterdir()):
         if (name := group_of(_name(path))) and path.is_file() and not path.is_symlink():
-            found.setdefault(name, []).append(path)
-    return found
+            by_group.setdefault(name, []).append(path)
+    return by_group
 
 
 def _older(files: Iterable[Path], before: float) -> bool:

@@ -260,6 +260,6 @@ def log_path(folder: Path | None, order: Order) -> str:
 
 def _remove_old(folder: Path, stem: str) -> None:
     name = re.compile(rf"{re.escape(stem)}-(latest|[0-9a-f]{{{SHORT}}})\.log")
-    found = sorted((p for p in folder.iterdir() if name.fullmatch(p.name)), key=lambda p: p.stat().st_mtime_ns)
-    for path in found[:-KEPT]:
+    logs = sorted((p for p in folder.iterdir() if name.fullmatch(p.name)), key=lambda p: p.stat().st_mtime_ns)
+    for path in logs[:-KEPT]:
         path.unlink(missing_ok=True)

@@ -31,8 +31,8 @@ def context_files(context: Path, dockerfile: str, ignored: Path | None = None) -
 
 
 def _below(directory: Path, above: tuple[str, ...], ignore: Ignore) -> Iterator[tuple[str, os.stat_result]]:
-    with os.scandir(directory) as found:
-        entries = sorted(found, key=lambda entry: entry.name)
+    with os.scandir(directory) as scan:
+        entries = sorted(scan, key=lambda entry: entry.name)
     for entry in entries:
         parts, how = (*above, entry.name), entry.stat(follow_symlinks=False)
         if parts == (GIT,) or stat.S_IFMT(how.st_mode) not in (stat.S_IFREG, stat.S_IFLNK, stat.S_IFDIR):

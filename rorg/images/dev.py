@@ -88,16 +88,16 @@ def dev_spec(spec: Spec, name: str, who: Developer) -> dict[str, Any]:
     """The dev container of a service, from the service's rendered options."""
     mounts = _mounts(who)
     taken = {mounted_at(m) for m in mounts}
-    found = {option: value for option, value in spec.items() if option not in OF_ONE}
-    if "networks" in found:
-        found["networks"] = {
+    options = {option: value for option, value in spec.items() if option not in OF_ONE}
+    if "networks" in options:
+        options["networks"] = {
             network: {k: v for k, v in said.items() if k not in OF_ONE_ON_A_NETWORK}
-            for network, said in found["networks"].items()
+            for network, said in options["networks"].items()
         }
     if who.gpu:
-        found.setdefault("gpus", GPUS)
+        options.setdefault("gpus", GPUS)
     return {
-        **found,
+        **options,
         "entrypoint": list(STAY),
         "command": [],
         "healthcheck": {"disable": True},
@@ -112,21 +112,21 @@ def dev_spec(spec: Spec, name: str, who: Developer) -> dict[str, Any]:
 
 
 def _mounts(who: Developer) -> list[dict[str, Any]]:
-    found = [(who.workspace, who.workspace, False), (who.home, HOME, False)]
+    mounts = [(who.workspace, who.workspace, False), (who.home, HOME, False)]
     if who.display is not None:
         places = {"SOCKETS": SCREEN, "XAUTHORITY": XAUTHORITY}
-        found += [(who.display[what], place, True) for what, place in places.items() if what in who.display]
-    return [{"type": "bind", "source": s, "target": t, "read_only": only} for s, t, only in found]
+        mounts += [(who.display[what], place, True) for what, place in places.items() if what in who.display]
+    return [{"type": "bind", "source": s, "target": t, "read_only": only} for s, t, only in mounts]
 
 
 def _environment(name: str, who: Developer) -> dict[str, str]:
     """Variables that shells and programs need, because the image may not know the user."""
     shell = {"PS1": f"({name}) $PWD \\$ ", "HISTFILE": f"{HOME}/.history", "RORG_DEV": name}
-    found = {"HOME": HOME, "USER": who.name, "LOGNAME": who.name, **shell, **who.git}
+    variables = {"HOME": HOME, "USER": who.name, "LOGNAME": who.name, **shell, **who.git}
     if who.display is not None:
-        found |= {"DISPLAY": who.display["DISPLAY"]}
-        found |= {"XAUTHORITY": XAUTHORITY} if "XAUTHORITY" in who.display else {}
-    return found
+        variables |= {"DISPLAY": who.display["DISPLAY"]}
+        variables |= {"XAUTHORITY": XAUTHORITY} if "XAUTHORITY" in who.display else {}
+    return variables
 
 
 def declared_digest(spec: Spec) -> str:
@@ -147,16 +147,16 @@ def dev_labels(instance: str, of: str, spec: Spec, image: str, who: Developer) -
     }
 
 
-def drift(found: DevContainer, spec: Spec, image: str, workspace: str, extras: Sequence[str]) -> list[str]:
+def drift(container: DevContainer, spec: Spec, image: str, workspace: str, extras: Sequence[str]) -> list[str]:
     """How a new dev container would differ from the existing one. `image`: the current id of the spec's image."""
     why = []
-    if image != found.image:
+    if image != container.image:
         why.append(f"{spec['image']} has changed since" if image else f"image {spec['image']} is not on this machine")
-    if declared_digest(spec) != found.digest:
+    if declared_digest(spec) != container.digest:
         why.append("the manifests have changed since")
-    if not within(workspace, found.workspace):
-        why.append(f"its workspace is {found.workspace}")
-    missing = [extra for extra in extras if extra not in found.extras]
+    if not within(workspace, container.workspace):
+        why.append(f"its workspace is {container.workspace}")
+    missing = [extra for extra in extras if extra not in container.extras]
     return [*why, *([f"it was made without {' and '.join(missing)}"] if missing else [])]
 
 

@@ -26,7 +26,7 @@ def document(name: str, of: str, spec: Mapping[str, Any]) -> tuple[dict[str, Any
     mounts = {v["target"]: _mount(v) for v in volumes if not isinstance(v, str)}
     flags = [flag for option in sorted(spec.keys() - ELSEWHERE) for flag in _flags(option, spec[option])]
     left = sorted(o for o in spec.keys() - ELSEWHERE if spec[o] not in (None, False, [], {}) and not _flags(o, spec[o]))
-    found = {
+    properties = {
         "name": name,
         "image": spec["image"],
         "workspaceFolder": workspace,
@@ -40,7 +40,7 @@ def document(name: str, of: str, spec: Mapping[str, Any]) -> tuple[dict[str, Any
         "overrideCommand": True,
         "customizations": {MARK: {"of": of}},
     }
-    return found, left
+    return properties, left
 
 
 def written_by_rorg(text: bytes) -> bool:

@@ -49,17 +49,17 @@ def own_images(
     """Images that this instance built, by name, newest first. `rows`: the engine's report of disk usage; `in_force`:
     references that the tree declares; `revisions`: references of earlier states of the manifests, latest first, of
     which `keep` count."""
-    found = []
+    images = []
     for row in rows:
         labels = row.get("Labels") or {}
         if labels.get(LABEL_BUILDER) == owner and LABEL_IMAGE in labels:
             tags = tuple(sorted(row.get("RepoTags") or ()))
             reasons = _reasons({plain(t) for t in tags}, row, in_force, revisions[:keep])
             shared = max(0, row.get("SharedSize") or 0)
-            found.append(
+            images.append(
                 Kept(labels[LABEL_IMAGE], tags, row["Id"], row.get("Created", 0), row.get("Size", 0), shared, reasons)
             )
-    return sorted(found, key=lambda image: (image.name, -image.created, image.id))
+    return sorted(images, key=lambda image: (image.name, -image.created, image.id))
 
 
 def _reasons(

@@ -121,10 +121,12 @@ class DockerBuilder:
 
     def digest(self, reference: str) -> str:
         with docker_errors(f"look at {reference}"):
-            found = self._client.get(f"/images/{reference}/json")
+            inspection = self._client.get(f"/images/{reference}/json")
         name = _parted(plain(reference))[0]
-        digests = {plain(text.partition("@")[0]): text.partition("@")[2] for text in found.get("RepoDigests") or ()}
-        return str(digests.get(name) or found["Id"])
+        digests = {
+            plain(text.partition("@")[0]): text.partition("@")[2] for text in inspection.get("RepoDigests") or ()
+        }
+        return str(digests.get(name) or inspection["Id"])
 
     def remove(self, references: Collection[str]) -> None:
         for reference in references:
@@ -167,10 +169,10 @@ def dockerfile_of(order: Order, image: Image, buildkit: bool) -> bytes:
             raise EngineError(f"build {image.name}", f"{image.dockerfile} needs BuildKit, which is missing", remedy)
         now = order.replacements
         stand_ins = {name: now.get(reference, reference) for name, reference in image.stand_ins.items()}
-        found = rewritten(text, image.args, {**now, **stand_ins}, image.target, image.platform, machine())
+        dockerfile = rewritten(text, image.args, {**now, **stand_ins}, image.target, image.platform, machine())
     except DockerfileError as error:
         raise EngineError(f"build {image.name}", f"{image.dockerfile}:{error.line}: {error}") from error
-    return found.encode(errors="surrogateescape")
+    return dockerfile.encode(errors="surrogateescape")
 
 
 SAID = 500

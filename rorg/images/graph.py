@@ -28,8 +28,8 @@ def generations(graph: Graph) -> list[list[str]]:
 
 def descendants(graph: Graph, name: str) -> set[str]:
     """All images based on an image, directly or indirectly: they are rebuilt when it changes."""
-    found: set[str] = networkx.descendants(graph, name)
-    return found
+    names: set[str] = networkx.descendants(graph, name)
+    return names
 
 
 def reduced(graph: Graph) -> Graph:

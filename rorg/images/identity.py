@@ -36,10 +36,10 @@ class Identities:
         target and platform, the identities of its bases in the tree, and the references of its other bases. For an
         imported image, they depend on the command and the files that it names. Raises Invalid."""
         self.files.begin()
-        found: dict[str, str] = {}
+        identities: dict[str, str] = {}
         for name in parents_first(catalog.images):
-            found[name] = self.one(catalog.images[name], found)
-        return found
+            identities[name] = self.one(catalog.images[name], identities)
+        return identities
 
     def one(self, image: Image, identities: Mapping[str, str]) -> str:
         """The identity of one image, given those of its bases in the tree. Raises Invalid."""

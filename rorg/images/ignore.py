@@ -56,10 +56,10 @@ def _expression(pattern: str) -> str:
 
 
 def _pieces(pattern: str) -> Iterator[str]:
-    for found in re.finditer(r"(\*\*/?)|\\(.)|([*?])|(\[(?:\\.|[^\]\\])*\]?)|(.)", pattern, re.DOTALL):
-        stars, escaped, wild, brackets, other = found.groups()
+    for match in re.finditer(r"(\*\*/?)|\\(.)|([*?])|(\[(?:\\.|[^\]\\])*\]?)|(.)", pattern, re.DOTALL):
+        stars, escaped, wild, brackets, other = match.groups()
         if stars:
-            yield ".*" if found.end() == len(pattern) else "(.*/)?"
+            yield ".*" if match.end() == len(pattern) else "(.*/)?"
         elif wild:
             yield "[^/]*" if wild == "*" else "[^/]"
         elif brackets:

@@ -35,11 +35,11 @@ class Built:
     @classmethod
     def read(cls, entry: Any) -> Built:
         """A record from a file. Raises TypeError, ValueError or AttributeError if it is not valid."""
-        found = cls(**{**entry, "bases": dict(entry.get("bases", {}))})
-        texts = (found.name, found.reference, found.id, found.at, *found.bases, *found.bases.values())
+        record = cls(**{**entry, "bases": dict(entry.get("bases", {}))})
+        texts = (record.name, record.reference, record.id, record.at, *record.bases, *record.bases.values())
         if not all(isinstance(text, str) for text in texts):
             raise TypeError("a record does not consist of texts")
-        return found
+        return record
 
 
 class Records:
@@ -52,18 +52,18 @@ class Records:
 
     def built(self) -> dict[str, Built]:
         """Identity -> its last build."""
-        found = {}
+        builds = {}
         for identity, entry in _entries(self._content()).items():
             try:
-                found[identity] = Built.read(entry)
+                builds[identity] = Built.read(entry)
             except (TypeError, ValueError, AttributeError):
                 continue
-        return found
+        return builds
 
     def revisions(self) -> list[list[str]]:
         """References that each state of the manifests used, latest first."""
-        found = self._content().get("revisions")
-        entries = found if isinstance(found, list) else []
+        revisions = self._content().get("revisions")
+        entries = revisions if isinstance(revisions, list) else []
         return [[str(reference) for reference in entry] for entry in entries if isinstance(entry, list)]
 
     def note(self, built: Mapping[str, Built]) -> None:

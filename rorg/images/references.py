@@ -62,28 +62,28 @@ def references(
     """Image -> reference, from its identity. An image gets a new reference if its bases have changed since its last
     build: a parent was rebuilt, or an external base has a new digest. `built`: the last build of each identity;
     `digests`: reference -> digest, if they are known. Pure."""
-    found: dict[str, str] = {}
+    by_image: dict[str, str] = {}
     for name in parents_first(catalog.images):
         identity = identities[name]
-        bases = bases_of(catalog, name, found, digests or {})
+        bases = bases_of(catalog, name, by_image, digests or {})
         last = built.get(identity)
         if last is None:
-            found[name] = with_identity(name, identity)
+            by_image[name] = with_identity(name, identity)
         elif all(last.bases.get(reference, now) == now for reference, now in bases.items()):
-            found[name] = last.reference
+            by_image[name] = last.reference
         else:
-            found[name] = with_identity(name, rebuilt_identity(identity, {**last.bases, **bases}))
-    return found
+            by_image[name] = with_identity(name, rebuilt_identity(identity, {**last.bases, **bases}))
+    return by_image
 
 
 def bases_of(catalog: Catalog, name: str, references: Mapping[str, str], digests: Mapping[str, str]) -> dict[str, str]:
     """Base of an image -> what it is: the reference of an image of the tree, or the digest of an external one. Bases of
     unknown digest are left out."""
-    found = {}
+    bases = {}
     for base in catalog.images[name].bases:
         own = declared(base, catalog.images)
         if own:
-            found[base] = references[own]
+            bases[base] = references[own]
         elif base in digests:
-            found[base] = digests[base]
-    return found
+            bases[base] = digests[base]
+    return bases

@@ -119,11 +119,11 @@ class Supplier:
         """The content with new references for images whose bases changed, and for those that are built again."""
         if not content.identities:
             return content
-        found = references(catalog, content.identities, self.records.built(), digests)
+        by_image = references(catalog, content.identities, self.records.built(), digests)
         salt = {"built at": wall_clock()}
         for name in filter(None, (declared(n, catalog.images) for n in anew)):
-            found[name] = with_identity(name, rebuilt_identity(content.identities[name], salt))
-        return replace(content, references=found)
+            by_image[name] = with_identity(name, rebuilt_identity(content.identities[name], salt))
+        return replace(content, references=by_image)
 
 
 def _is_unchanged(image: Image, content: Content) -> bool:
@@ -157,8 +157,8 @@ class _Noting:
         self.listener.ended(result)
 
     def _note(self, image: Image, identity: str, result: Result) -> None:
-        found = externals(self.catalog, image.bases) & set(image.bases)
-        digests = {base: self.builder.digest(base) for base in sorted(found)}
+        external_bases = externals(self.catalog, image.bases) & set(image.bases)
+        digests = {base: self.builder.digest(base) for base in sorted(external_bases)}
         bases = bases_of(self.catalog, image.name, self.content.references, digests)
         self.supplier.records.note({identity: Built(image.name, result.reference, result.id, wall_clock(), bases)})
 
@@ -235,7 +235,7 @@ class _Orders:
 
 def externals(catalog: Catalog, names: Iterable[str]) -> set[str]:
     """External references that these images may need; the names may be Images of the tree or external themselves."""
-    found, seen, pending = set[str](), set[str](), list(names)
+    external_names, seen, pending = set[str](), set[str](), list(names)
     while pending:
         name = pending.pop()
         if name in seen:
@@ -243,7 +243,7 @@ def externals(catalog: Catalog, names: Iterable[str]) -> set[str]:
         seen.add(name)
         image = catalog.images.get(declared(name, catalog.images))
         if image is None:
-            found.add(name)
+            external_names.add(name)
         else:
             pending += image.bases
-    return found
+    return external_names

@@ -80,10 +80,10 @@ def mended(
     return None, document, more
 
 
-def _meant_elsewhere(found: Diagnostic, at_top: bool) -> bool:
+def _meant_elsewhere(diagnostic: Diagnostic, at_top: bool) -> bool:
     """Whether a dropped key belongs into another mapping. Otherwise its own may lack what the key was meant to be."""
-    elsewhere = found.remedy.startswith(("spec.", "metadata.")) or (not found.remedy and at_top)
-    return elsewhere and found.message.startswith("unknown key")
+    elsewhere = diagnostic.remedy.startswith(("spec.", "metadata.")) or (not diagnostic.remedy and at_top)
+    return elsewhere and diagnostic.message.startswith("unknown key")
 
 
 def _droppable(document: Document, at: Loc, entry: Any) -> Loc:

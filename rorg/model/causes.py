@@ -39,10 +39,10 @@ class Cause(NamedTuple):
 def causes(reasons: Iterable[tuple[str, str]]) -> list[Cause]:
     """Group (service, reason) by reason, in the order of the first of each. Reasons are equal if they differ only in
     what is the container's own."""
-    found: dict[str, list[tuple[str, str]]] = {}
+    by_cause: dict[str, list[tuple[str, str]]] = {}
     for name, why in reasons:
-        found.setdefault(common_cause(why), []).append((name, why))
-    return [_cause(common, members) for common, members in found.items()]
+        by_cause.setdefault(common_cause(why), []).append((name, why))
+    return [_cause(common, members) for common, members in by_cause.items()]
 
 
 def _cause(common: str, members: list[tuple[str, str]]) -> Cause:

@@ -27,8 +27,8 @@ def ask_socket(probe: Probe) -> Answer:
             host, _, port = str(probe.target).rpartition(":")
             connect(host.strip("[]"), int(port), deadline).close()
             return YES
-        with answer(str(probe.target), deadline) as found:
-            return YES if 200 <= found.status < 400 else no(f"{probe.target} answers {found.status}")
+        with answer(str(probe.target), deadline) as response:
+            return YES if 200 <= response.status < 400 else no(f"{probe.target} answers {response.status}")
     except OSError as error:
         return no(f"{probe}: {error.strerror or error}")
 

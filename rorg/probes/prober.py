@@ -150,6 +150,6 @@ class Prober:
     def _tell(self, key: Key) -> None:
         """Combine the answers of a probe's questions."""
         probe = self._whole[key].probe
-        found = together(probe, [self._answers.get((*key, part)) for part in range(len(probe.questions))])
-        if found is not None:
-            self._results[key] = found
+        answer = together(probe, [self._answers.get((*key, part)) for part in range(len(probe.questions))])
+        if answer is not None:
+            self._results[key] = answer

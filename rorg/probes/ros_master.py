@@ -41,11 +41,11 @@ def ask(uri: str, method: str, *args: Any, deadline: Deadline | None = None) -> 
         return _parsed(response, deadline)
 
 
-def value_of(found: Any) -> Any:
+def value_of(reply: Any) -> Any:
     """The value of a successful answer. Raises OSError if it is not an answer of ROS; LookupError if it is no."""
-    if not (isinstance(found, list) and len(found) == 3):
+    if not (isinstance(reply, list) and len(reply) == 3):
         raise OSError("its answer is not that of ROS")
-    code, message, value = found
+    code, message, value = reply
     if code != 1:
         raise LookupError(str(message)[:200])
     return value
@@ -78,12 +78,12 @@ def graph(master: str, deadline: Deadline) -> Graph:
     """Publishers, subscribers and services. Raises OSError."""
     try:
         state = call(master, "getSystemState", CALLER, deadline=deadline)
-        found = [{str(name): [str(node) for node in nodes] for name, nodes in part} for part in state]
+        parts = [{str(name): [str(node) for node in nodes] for name, nodes in part} for part in state]
     except (TypeError, ValueError, LookupError) as error:
         raise OSError("its answer is not that of a ROS master") from error
-    if len(found) != 3:
+    if len(parts) != 3:
         raise OSError("its answer is not that of a ROS master")
-    return found
+    return parts
 
 
 def probe(kind: str, name: str, master: str) -> Answer:

@@ -26,9 +26,9 @@ class RosState:
 def read_state(master: str) -> RosState:
     """Read it in two calls for any number of nodes. Raises OSError if there is no master."""
     deadline = Deadline.within(READING)
-    found = graph(master, deadline.sooner(TIMEOUT))
-    nodes = sorted({n for part in found for names in part.values() for n in names})
-    return RosState(found, _places(master, nodes, deadline) if nodes else {})
+    ros_graph = graph(master, deadline.sooner(TIMEOUT))
+    nodes = sorted({n for part in ros_graph for names in part.values() for n in names})
+    return RosState(ros_graph, _places(master, nodes, deadline) if nodes else {})
 
 
 def _places(master: str, nodes: Iterable[str], deadline: Deadline) -> dict[str, str]:

@@ -104,11 +104,13 @@ class ProbeRunner:
         return YES if code == 0 else no(f"{probe} exits {code}" + (f": {said[-1][:200]}" if said else ""))
 
     def _health(self, probe: Probe, container: Container) -> Answer:
-        found = self.engine.inspect(container.id)
-        if found is None:
+        inspection = self.engine.inspect(container.id)
+        if inspection is None:
             return cannot_ask("its container is gone")
         return (
-            YES if found.health == probe.target else no(f"the engine says {found.health or 'nothing about its health'}")
+            YES
+            if inspection.health == probe.target
+            else no(f"the engine says {inspection.health or 'nothing about its health'}")
         )
 
     def _file(self, role: str, probe: Probe, container: Container) -> Answer:

@@ -46,14 +46,14 @@ class Turns:
 
     def take(self) -> list[Entry]:
         """Return the changes of the next write. The caller that had the last turn comes last next time."""
-        found: list[Entry] = []
+        entries: list[Entry] = []
         for _ in range(MOST_OF_ONE):
-            for caller in list(self._waiting)[: MOST_AT_ONCE - len(found)]:
+            for caller in list(self._waiting)[: MOST_AT_ONCE - len(entries)]:
                 waiting = self._waiting.pop(caller)
-                found.append(waiting.popleft())
+                entries.append(waiting.popleft())
                 if waiting:
                     self._waiting[caller] = waiting
-        return found
+        return entries
 
 
 class Committer:

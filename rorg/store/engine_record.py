@@ -34,9 +34,9 @@ class EngineRecord(NamedTuple):
 def read_engine(state: StateDir) -> EngineRecord | None:
     """The engine on which this robot has containers; None if there are none. If an older rorg kept no record, what it
     published last tells."""
-    found = read_json(state.path / NAME)
-    if found and isinstance(found.get("name"), str) and isinstance(found.get("address"), str):
-        return EngineRecord(found["name"], found["address"])
+    record = read_json(state.path / NAME)
+    if record and isinstance(record.get("name"), str) and isinstance(record.get("address"), str):
+        return EngineRecord(record["name"], record["address"])
     last = read_json(state.status) or {}
     name, services = last.get("engine_name"), last.get("services")
     if not (isinstance(name, str) and isinstance(services, dict)):

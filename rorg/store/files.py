@@ -92,8 +92,8 @@ def clear_leftovers(directory: Path) -> None:
     """Remove what a killed write_atomic() left in a directory. Names of such files contain the process; our own number
     there is of an earlier process."""
     for path in directory.glob(".*"):
-        found = LEFTOVER.fullmatch(path.name)
-        if found and (int(found[1]) == os.getpid() or not os.path.exists(f"/proc/{found[1]}")):
+        match = LEFTOVER.fullmatch(path.name)
+        if match and (int(match[1]) == os.getpid() or not os.path.exists(f"/proc/{match[1]}")):
             path.unlink(missing_ok=True)
 
 

@@ -61,13 +61,13 @@ def _dump(what: Service | Group) -> dict[str, Any]:
 
 
 def _each(entries: Iterable[Any], read: Callable[[Any], T]) -> list[T]:
-    found = []
+    values = []
     for entry in entries:
         try:
-            found.append(read(entry))
+            values.append(read(entry))
         except (TypeError, LookupError, AttributeError, ValueError):
             continue
-    return found
+    return values
 
 
 def _former(entry: Mapping[str, Any]) -> Former:
@@ -76,8 +76,8 @@ def _former(entry: Mapping[str, Any]) -> Former:
 
 def _load(entry: Mapping[str, Any]) -> Service | Group:
     kind = Service if entry.get("service") else Group
-    found: Service | Group = _value(kind, entry["service" if kind is Service else "group"])
-    return found
+    definition: Service | Group = _value(kind, entry["service" if kind is Service else "group"])
+    return definition
 
 
 def _value(kind: Any, plain: Any) -> Any:

@@ -64,19 +64,19 @@ def _folder() -> Path:
     """The same folder for every rorg of this user in any environment. Raises OSError."""
     user = os.geteuid()
     if user == 0:
-        found = Path("/run/rorg/owners")
+        folder = Path("/run/rorg/owners")
     else:
         own = Path(f"/run/user/{user}")
-        found = own / "rorg/owners" if own.is_dir() else Path(tempfile.gettempdir(), f"rorg-{user}")
-    make_directory(found, 0o700)
-    if found.stat().st_uid != user:
-        raise PermissionError(f"{found} belongs to another user")
-    return found
+        folder = own / "rorg/owners" if own.is_dir() else Path(tempfile.gettempdir(), f"rorg-{user}")
+    make_directory(folder, 0o700)
+    if folder.stat().st_uid != user:
+        raise PermissionError(f"{folder} belongs to another user")
+    return folder
 
 
 def _read(path: Path) -> Mapping[str, Any]:
     try:
-        found = json.loads(read_state(path))
+        owner = json.loads(read_state(path))
     except (OSError, ValueError, RecursionError):
         return {}
-    return found if isinstance(found, dict) else {}
+    return owner if isinstance(owner, dict) else {}

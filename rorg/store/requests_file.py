@@ -79,8 +79,10 @@ class RequestsFile:
         with locked(self.path.with_name(".requests.lock")):
             self.read()
             if self.diagnostics:
-                found = self.diagnostics[0]
-                raise Invalid(f"change {self.path}", f"{found.where}: {found.message}", "to fix the file first")
+                diagnostic = self.diagnostics[0]
+                raise Invalid(
+                    f"change {self.path}", f"{diagnostic.where}: {diagnostic.message}", "to fix the file first"
+                )
             changed = edit(self.document)
             if changed != self.document:
                 write_atomic(self.path, render(changed))

@@ -75,9 +75,9 @@ class _Reader:
         if not isinstance(entries, list):
             self.error(("requests",), "must be a list")
             entries = []
-        found = [r for i, entry in enumerate(entries) if (r := self.request(("requests", i), entry))]
+        requests = [r for i, entry in enumerate(entries) if (r := self.request(("requests", i), entry))]
         seen: set[tuple[str, str]] = set()
-        for index, request in enumerate(found):
+        for index, request in enumerate(requests):
             if request.key in seen:
                 self.error(
                     ("requests", index, "id"), f"a second request '{request.id}' of {request.requester}", "another id"
@@ -89,7 +89,7 @@ class _Reader:
             holds = {}
         suspended = value.get("suspended")
         return RequestsDocument(
-            tuple(found),
+            tuple(requests),
             self.times("restarts", value.get("restarts") or {}),
             {n: h for n, v in holds.items() if (h := self.hold(("holds", n), v))},
             self.hold(("suspended",), suspended) if suspended else None,

@@ -98,14 +98,14 @@ class StateDir:
         with self.usable(), locked(self.path / "instance.lock"):
             if not os.path.lexists(path):
                 write_atomic(path, make_id() + "\n")
-            found = read_state(path).strip()
-        if not re.fullmatch(INSTANCE, found):
+            instance_id = read_state(path).strip()
+        if not re.fullmatch(INSTANCE, instance_id):
             raise Invalid(
                 f"identify the robot of {self.path}",
                 f"{path} holds no id",
                 "to write there what the containers of this robot have in their label rorg.io/owner",
             )
-        return found
+        return instance_id
 
     def acquire(self, what: str) -> None:
         """Become the owner, or raise Refused that names the owner. Ends with release() or with the owner's death."""

@@ -32,17 +32,17 @@ class Inside(NamedTuple):
 
 def fetch(client: Client, container: str, path: str, place: Path) -> None:
     """See Access.fetch. Raises the client's errors, and Invalid."""
-    found = _look(client, container, path)
-    if found is None:
+    entry = _look(client, container, path)
+    if entry is None:
         raise Invalid(f"copy {path}", "no such file in the container", "a path as the service sees it")
-    target = place_of(path, place, place.is_dir(), found.directory)
+    target = place_of(path, place, place.is_dir(), entry.directory)
     url = f"/containers/{container}/archive"
     with (
         refused(f"copy {path} to {target}"),
-        client.stream("GET", url, None, API_TIMEOUT, path=found.path) as stream,
+        client.stream("GET", url, None, API_TIMEOUT, path=entry.path) as stream,
         tarfile.open(fileobj=stream.answer, mode="r|") as archive,
     ):
-        unpack(archive, target, found.directory)
+        unpack(archive, target, entry.directory)
 
 
 def unpack(archive: tarfile.TarFile, target: Path, directory: bool) -> None:
@@ -69,11 +69,11 @@ def unpack(archive: tarfile.TarFile, target: Path, directory: bool) -> None:
 
 def put(client: Client, container: str, source: Path, path: str) -> None:
     """See Access.put. Raises the client's errors, and Invalid."""
-    found, directory = _look(client, container, path), source.is_dir()
-    if found and directory and not found.directory:
+    entry, directory = _look(client, container, path), source.is_dir()
+    if entry and directory and not entry.directory:
         raise Invalid(f"copy {source} to {path}", "it is a file in the container, and a directory here", "another path")
     whole = _absolute(client, container, path)
-    target = place_of(str(source), Path(found.path if found else whole), bool(found and found.directory), directory)
+    target = place_of(str(source), Path(entry.path if entry else whole), bool(entry and entry.directory), directory)
     with refused(f"copy {source} to {path}"), tempfile.TemporaryFile() as file:
         with tarfile.open(fileobj=file, mode="w") as archive:
             archive.add(source.resolve(), arcname=target.name or ".", filter=_of_root)
@@ -102,11 +102,11 @@ def _absolute(client: Client, container: str, path: str) -> str:
 def _look(client: Client, container: str, path: str) -> Inside | None:
     """The entry at a path, with a link followed; None if there is none."""
     place = posixpath.normpath(_absolute(client, container, path))
-    found = _stat(client, container, place)
-    if found and found["mode"] & LINK and found["linkTarget"]:
-        place = str(found["linkTarget"])
-        found = _stat(client, container, place)
-    return Inside(place, bool(found["mode"] & DIRECTORY)) if found else None
+    facts = _stat(client, container, place)
+    if facts and facts["mode"] & LINK and facts["linkTarget"]:
+        place = str(facts["linkTarget"])
+        facts = _stat(client, container, place)
+    return Inside(place, bool(facts["mode"] & DIRECTORY)) if facts else None
 
 
 def _stat(client: Client, container: str, path: str) -> dict[str, Any] | None:

@@ -27,8 +27,8 @@ def create_container(
 ) -> str:
     """Make a container and return its id. It takes over the unnamed volumes of `before`. An option in `defaults` is
     left out if the image has its own value."""
-    found = client.find(f"/images/{spec['image']}/json") or {}  # create reports a missing image
-    body, image = create_body(spec, labels), found.get("Config") or {}
+    inspection = client.find(f"/images/{spec['image']}/json") or {}  # create reports a missing image
+    body, image = create_body(spec, labels), inspection.get("Config") or {}
     if "stop_signal" in defaults and image.get("StopSignal"):
         body.pop("StopSignal", None)
     keep_volumes(client, body, image.get("Volumes") or {}, before)

@@ -30,8 +30,8 @@ class DevContainers:
         filters = {"label": [f"{LABEL_DEV}={self._engine.owner}"]}
         with docker_errors("list containers"):
             rows = self._client.get("/containers/json", all=True, filters=filters)
-        found = [from_row(r["Id"], r["Names"][0].lstrip("/"), r["State"], r.get("Labels") or {}) for r in rows]
-        return sorted(found, key=lambda c: c.name)
+        containers = [from_row(r["Id"], r["Names"][0].lstrip("/"), r["State"], r.get("Labels") or {}) for r in rows]
+        return sorted(containers, key=lambda c: c.name)
 
     def image(self, reference: str) -> str:
         """The id of the image that a reference means; empty if there is none."""
@@ -50,34 +50,34 @@ class DevContainers:
         first = name if before is None else coming
         with docker_errors(f"create {name}"):
             made = make(self._client, first, create_body(spec, labels), spec.get("platform"))
-        found = from_row(made, name, "created", labels)
+        container = from_row(made, name, "created", labels)
         try:
-            self.start(found)
+            self.start(container)
         except BaseException:
-            self.remove(found)
+            self.remove(container)
             raise
         if before is not None:
             self.remove(before)
             self._engine.rename(made, name)
-        return found
+        return container
 
-    def start(self, found: DevContainer) -> None:
+    def start(self, container: DevContainer) -> None:
         """Make it run, from any state."""
-        if found.state == "paused":
-            self._engine.resume(found.id)
-        elif found.state != "running":
-            with docker_errors(f"start {found.name}"):
-                self._client.post(f"/containers/{found.id}/start")
+        if container.state == "paused":
+            self._engine.resume(container.id)
+        elif container.state != "running":
+            with docker_errors(f"start {container.name}"):
+                self._client.post(f"/containers/{container.id}/start")
 
-    def run(self, found: DevContainer, command: Sequence[str], terminal: bool, folder: str) -> int:
+    def run(self, container: DevContainer, command: Sequence[str], terminal: bool, folder: str) -> int:
         """Run a command in it with this process's standard streams; see Access.attach."""
-        with docker_errors(f"run {command[0]} in {found.name}"):
+        with docker_errors(f"run {command[0]} in {container.name}"):
             client, local = self._client, self._engine.local
-            return attach(client, found.id, command, terminal=terminal, stdin=True, local=local, folder=folder)
+            return attach(client, container.id, command, terminal=terminal, stdin=True, local=local, folder=folder)
 
-    def remove(self, found: DevContainer) -> None:
+    def remove(self, container: DevContainer) -> None:
         """End it with everything that runs in it."""
-        if found.state in ("running", "paused", "restarting"):
-            self._engine.stop(found.id, "SIGTERM", GRACE)
-        with docker_errors(f"remove {found.name}"):
-            self._client.delete(f"/containers/{found.id}", v=True, force=True)
+        if container.state in ("running", "paused", "restarting"):
+            self._engine.stop(container.id, "SIGTERM", GRACE)
+        with docker_errors(f"remove {container.name}"):
+            self._client.delete(f"/containers/{container.id}", v=True, force=True)

@@ -87,14 +87,14 @@ class DockerEngine(Inside, Images):
 
     def _heard_lately(self) -> set[str]:
         """Ids of containers whose events may not have arrived at the observer yet, by the clock of this machine."""
-        now, found = time.time(), set()
+        now, ids = time.time(), set()
         filters = {"type": ["container"], "label": [f"{LABEL_OWNER}={self.owner}"]}
         with self.client.stream("GET", "/events", None, QUICK, filters=filters, since=now - LAG, until=now) as stream:
             for line in stream.lines(MOST_ANSWER):
                 event = from_json(line)
                 if not event.get("Action", "").startswith(QUIET):
-                    found.add(event["Actor"]["ID"])
-        return found
+                    ids.add(event["Actor"]["ID"])
+        return ids
 
     def _look(self, row: Mapping[str, Any]) -> Container | None:
         """Inspect one row of the list. While a start or stop of a container hangs, the engine also blocks its
@@ -126,11 +126,11 @@ class DockerEngine(Inside, Images):
         filters = {"type": ["container"], "label": [f"{LABEL_OWNER}={self.owner}"]}
         with (
             docker_errors("follow the engine's events"),
-            self.client.stream("GET", "/events", filters=filters) as found,
-            stop.closing(found.close),
+            self.client.stream("GET", "/events", filters=filters) as stream,
+            stop.closing(stream.close),
         ):
             yield "", ""
-            for line in found.lines():
+            for line in stream.lines():
                 event = from_json(line)
                 if not event.get("Action", "").startswith(QUIET):
                     yield event["Actor"]["ID"], TOLD.get(event["Action"], "")
@@ -246,12 +246,12 @@ class DockerEngine(Inside, Images):
             objects.remove(self.client, kind, name, self.owner)
 
     def usage(self, containers: Sequence[Container]) -> dict[str, Usage]:
-        found = {}
+        usage = {}
         for container in containers if self.local else ():
             figures = container_usage(container.pid) if container.pid and container.alive else None
             if figures:
-                found[container.id] = Usage(*figures)
-        return found
+                usage[container.id] = Usage(*figures)
+        return usage
 
 
 def _as_before(known: Mapping[str, Container], row: Mapping[str, Any], heard: set[str]) -> Container | None:

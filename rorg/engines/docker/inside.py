@@ -45,8 +45,8 @@ class Inside:
     def log_since(self, container: str, place: str) -> Iterator[tuple[bytes, str]]:
         """The place is the engine's time of the last line, so that line comes again."""
         if not place:
-            found = self.inspect(container)
-            place = str(began(found)) if found else "0"
+            inspection = self.inspect(container)
+            place = str(began(inspection)) if inspection else "0"
         with docker_errors(f"read the logs of {container[:12]}"):
             yield from log.since(self.client, container, place)
 

@@ -60,19 +60,19 @@ def read_container(data: Mapping[str, Any], local: bool) -> Container:
 
 def _networks(data: Mapping[str, Any]) -> dict[str, str]:
     """By name, the ids of the networks that it joins; the engine's own are left out, since they never change."""
-    found = (data.get("NetworkSettings") or {}).get("Networks") or {}
-    return {name: (n or {}).get("NetworkID") or "" for name, n in found.items() if name not in ENGINES_OWN}
+    networks = (data.get("NetworkSettings") or {}).get("Networks") or {}
+    return {name: (n or {}).get("NetworkID") or "" for name, n in networks.items() if name not in ENGINES_OWN}
 
 
 def live_options(host: Mapping[str, Any]) -> dict[str, Any]:
     """Live options of a container, from the HostConfig of its inspection, in the units of manifests."""
-    found = {option: host[key] for option, key in _LIVE.items() if key in host}
-    found["cpus"] = (host.get("NanoCpus") or 0) / NANO
-    found["pids_limit"] = host.get("PidsLimit")  # None if it was never in force
+    options = {option: host[key] for option, key in _LIVE.items() if key in host}
+    options["cpus"] = (host.get("NanoCpus") or 0) / NANO
+    options["pids_limit"] = host.get("PidsLimit")  # None if it was never in force
     policy = host.get("RestartPolicy") or {}
     count = policy.get("MaximumRetryCount") or 0
-    found["restart"] = (policy.get("Name") or "no") + (f":{count}" if count else "")
-    return found
+    options["restart"] = (policy.get("Name") or "no") + (f":{count}" if count else "")
+    return options
 
 
 def update_body(options: Mapping[str, Any]) -> Body:

@@ -37,16 +37,16 @@ def find(client: Client, owner: str, keys: Collection[str]) -> FoundObjects:
         error = f"the engine has not listed its volumes within {PATIENCE:g} s"
     # Two networks may have the same name: ours counts.
     rows.sort(key=lambda one: one.owner == owner)
-    found = {one.key: one for one in rows if one.owner == owner or one.key in asked}
-    return FoundObjects(found, asked, complete=True, error=error)
+    objects = {one.key: one for one in rows if one.owner == owner or one.key in asked}
+    return FoundObjects(objects, asked, complete=True, error=error)
 
 
 def events(client: Client, stop: Reading) -> Iterator[None]:
     """One item when the stream begins, and one for each that comes or goes. The events have no labels."""
     filters = {"type": ["network", "volume"], "event": list(EVENTS)}
-    with client.stream("GET", "/events", filters=filters) as found, stop.closing(found.close):
+    with client.stream("GET", "/events", filters=filters) as stream, stop.closing(stream.close):
         yield
-        for line in found.lines():
+        for line in stream.lines():
             if from_json(line).get("Action") in EVENTS:
                 yield
 

@@ -51,8 +51,8 @@ def _taken(host: Mapping[str, Any]) -> set[str]:
     """Paths where something else is mounted."""
     binds = {b.split(":")[1] for b in host.get("Binds") or []}
     named = {m["Target"] for m in host.get("Mounts") or [] if m["Type"] != "volume" or m.get("Source")}
-    found = {*binds, *named, *(host.get("Tmpfs") or {})}
-    return found | {f"{t}/" for t in found}
+    paths = {*binds, *named, *(host.get("Tmpfs") or {})}
+    return paths | {f"{t}/" for t in paths}
 
 
 def unnamed_volumes(data: Mapping[str, Any]) -> dict[str, str]:

@@ -191,8 +191,8 @@ class ProcessEngine:
         return follow_lines(self.records.log(container), offset, lambda: not self._alive(container), reading)
 
     def _alive(self, container: str) -> bool:
-        found = self.inspect(container)
-        return found is not None and found.alive
+        inspection = self.inspect(container)
+        return inspection is not None and inspection.alive
 
     def log_since(self, container: str, place: str) -> Iterator[tuple[bytes, str]]:
         """The place is an offset in the log, after the last whole line: a line that is being written comes again."""

@@ -194,19 +194,23 @@ def check_program(service: str, folder: str, command: Sequence[str], path: str) 
     if not os.access(folder, os.X_OK):
         raise EngineError(what, f"rorg has no permission for {folder}", f"chmod +x {folder}", "forbidden")
     if "/" not in program:
-        found = shutil.which(program, path=path)
-        if found is None:
+        executable = shutil.which(program, path=path)
+        if executable is None:
             why = f"no program '{program}' on this machine" if program else "no program is named"
             raise EngineError(what, why, "`rorg build`, or --engine docker", "missing_image")
     else:
-        found = os.path.normpath(os.path.join(folder, program))
-        if not os.path.isfile(found):
-            raise EngineError(what, f"no program {found}", "to create it, or use another `command`", "missing_image")
-        if not os.access(found, os.X_OK):
-            raise EngineError(what, f"{found} is not executable", f"chmod +x {found}", "forbidden")
-    interpreter = _interpreter(found)
+        executable = os.path.normpath(os.path.join(folder, program))
+        if not os.path.isfile(executable):
+            raise EngineError(
+                what, f"no program {executable}", "to create it, or use another `command`", "missing_image"
+            )
+        if not os.access(executable, os.X_OK):
+            raise EngineError(what, f"{executable} is not executable", f"chmod +x {executable}", "forbidden")
+    interpreter = _interpreter(executable)
     if interpreter.startswith("/") and not os.access(interpreter, os.X_OK):
-        raise EngineError(what, f"{found} is a script for {interpreter}, which is not installed", "to install that")
+        raise EngineError(
+            what, f"{executable} is a script for {interpreter}, which is not installed", "to install that"
+        )
 
 
 def _interpreter(path: str) -> str:

@@ -50,20 +50,20 @@ def stat(pid: int) -> tuple[str, int, int, float, int] | None:
 def is_same(pid: int, started: int, boot: str, container: str) -> bool:
     """Whether this pid is still the process that began at `started` for this container, and alive. Start times have a
     resolution of 10 ms, so the mark is checked too."""
-    found = stat(pid) if boot == boot_id() else None
-    return found is not None and found[2] == started and found[0] not in "ZX" and _marked(pid, container)
+    facts = stat(pid) if boot == boot_id() else None
+    return facts is not None and facts[2] == started and facts[0] not in "ZX" and _marked(pid, container)
 
 
 def members(leader: int, container: str) -> list[int]:
     """Live processes of a container: those of its session that carry its mark, so that a foreign process with a reused
     number is never among them."""
-    found = []
+    pids = []
     for entry in os.scandir("/proc"):
         if entry.name.isdigit():
             facts = stat(int(entry.name))
             if facts and facts[1] == leader and facts[0] not in "ZX" and _marked(int(entry.name), container):
-                found.append(int(entry.name))
-    return found
+                pids.append(int(entry.name))
+    return pids
 
 
 def _marked(pid: int, container: str) -> bool:

@@ -28,14 +28,14 @@ def built(text: str, target: str = "") -> frozenset[str]:
     """The workspaces that a stage of a Dockerfile builds; the last stage if `target` is empty. Paths with variables are
     unknown and left out."""
     stages = dict[str, frozenset[str]]()
-    found, name, directory = frozenset[str](), "", "/"
+    workspaces, name, directory = frozenset[str](), "", "/"
     for instruction in script(text).instructions:
         said = instruction.arguments.text.strip()
         if instruction.name == "FROM":
             if target and name == target.lower():
-                return found
+                return workspaces
             base, *alias = said.lower().split() or [""]
-            found, directory = stages.get(base, frozenset()), "/"
+            workspaces, directory = stages.get(base, frozenset()), "/"
             name = alias[1] if len(alias) == 2 else ""
         elif instruction.name == "WORKDIR":
             directory = posixpath.join(directory, said.strip("\"'"))
@@ -43,9 +43,9 @@ def built(text: str, target: str = "") -> frozenset[str]:
             path = directory
             for moved in CD.findall(said[: build.start()]):
                 path = posixpath.join(path, moved.strip("\"'"))
-            found |= set() if re.search("[$~]", path) else {posixpath.normpath(path)}
-        stages[name] = found
-    return found
+            workspaces |= set() if re.search("[$~]", path) else {posixpath.normpath(path)}
+        stages[name] = workspaces
+    return workspaces
 
 
 def _hidden(robot: Robot) -> Iterator[Finding]:
@@ -65,15 +65,15 @@ def _hidden(robot: Robot) -> Iterator[Finding]:
 
 def _workspaces(robot: Robot, name: str) -> frozenset[str]:
     """The workspaces in an Image of the tree, by its Dockerfile and those of its bases."""
-    found, seen = frozenset[str](), set[str]()
+    workspaces, seen = frozenset[str](), set[str]()
     while name and name not in seen:
         seen.add(name)
         image = robot.catalog.images[name]
         text, name = text_of_dockerfile(image), ""
         with suppress(DockerfileError):
-            found |= built(text, image.target)
+            workspaces |= built(text, image.target)
             name = declared(read_dockerfile(text, image).programs.base, robot.catalog.images)
-    return found
+    return workspaces
 
 
 CHECKS = (_hidden,)
