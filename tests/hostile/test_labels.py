@@ -35,7 +35,7 @@ RULES = Rules(Probe("file", "/run/estop"), {"gripper": 1}, ("camera",))
 
 def spoilt(case: Case, service: str) -> dict[str, str]:
     """Labels of a container of that service, one or two of them otherwise."""
-    found, chance = dict(labels("sim", service, SPEC, "v1:" + "0" * 32, RULES, "f" * 64)), case.chance
+    found, chance = dict(labels("sim", service, SPEC, "v1:" + "0" * 32, RULES, previous="f" * 64)), case.chance
     for label in chance.sample(sorted(set(found) - {LABEL_OWNER}), chance.choice((1, 1, 2))):
         how = chance.random()
         if how < 0.15:
