@@ -44,7 +44,8 @@ def test_steady_work_leaves_rorg_as_it_was(rorg):
             print(f"at the end {len(rorg.specs)} services, {len(wrong)} not as asked for: {'; '.join(wrong) or 'none'}")
     assert not wrong
     assert not work.errors, "\n".join(work.errors[:5])
-    assert "internal error" not in rorg.log.read_text()
+    log = rorg.log.read_text()
+    assert "internal error" not in log, log[log.find("internal error") :][:4000]
     if SECONDS >= LONG:
         assert not {name: str(slopes[name]) for name, bound in BOUNDS.items() if slopes[name].above(bound)}
 
