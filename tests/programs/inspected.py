@@ -11,6 +11,7 @@ A question is a line on a connection of its own, the answer is JSON:
 import ctypes
 import gc
 import json
+import os
 import socket
 import sys
 import threading
@@ -29,8 +30,20 @@ def blocks() -> int:
 
 
 def types() -> dict[str, int]:
-    gc.collect()
-    return dict(Counter(f"{type(o).__module__}.{type(o).__qualname__}" for o in gc.get_objects()))
+    """Counted in a copy of the process: an extra reference to a tuple that another thread is still making, as
+    `dataclasses.asdict` does, ends that thread with a SystemError."""
+    ours, theirs = os.pipe()
+    child = os.fork()
+    if not child:
+        with os.fdopen(theirs, "w") as answer:
+            gc.collect()
+            json.dump(Counter(f"{type(o).__module__}.{type(o).__qualname__}" for o in gc.get_objects()), answer)
+        os._exit(0)
+    os.close(theirs)
+    with os.fdopen(ours) as answer:
+        counts = json.load(answer)
+    os.waitpid(child, 0)
+    return counts
 
 
 def heap() -> int:
