@@ -21,7 +21,7 @@ from rorg.store.files import open_private
 from rorg.store.state_dir import read_json
 
 SUPERVISE = (
-    'trap : INT TERM HUP QUIT; "$@"; code=$?; umask 077; '
+    'trap : HUP INT QUIT USR1 USR2 ALRM TERM; "$@"; code=$?; umask 077; '
     'echo $code > "$RORG_EXIT.new" && mv "$RORG_EXIT.new" "$RORG_EXIT"'
 )
 """The shell that leads a container's session. It survives the signals of its group until the service has ended, then
