@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: site demo test properties fuzz soak lint types bench corpus schemas docs evaluation constraints deb clean
+.PHONY: site demo test engines properties fuzz soak lint types bench corpus schemas docs evaluation constraints deb clean
 
 # Debian keeps the venv of its Python in a package of its own; .ci/venv sees to that.
 $(BIN)/rorg: pyproject.toml
@@ -23,6 +23,11 @@ demo: $(BIN)/rorg
 test: lint types
 	@$(BIN)/python -m compileall -q rorg clients/python
 	$(if $(ARGS),$(BIN)/pytest $(ARGS),tests/all.sh $(BIN)/pytest $(VENV)/tests)
+
+# Other engines: each cell of docs/reference/engines.md, and a long day on each. Writes the cells down.
+engines: $(VENV)/test-installed
+	RORG_TEST_RECORD=1 RORG_TEST_CYCLES=200 RORG_TEST_UPDATES=20 .ci/engines docker docker26 docker26-containerd podman podman-rootless
+	$(BIN)/python docs/reference/generate.py
 
 # All cases of tests/fuzzing.py, of which `make test` tries a few: half an hour. FUZZ=0.1 for a tenth of them.
 fuzz: $(VENV)/test-installed

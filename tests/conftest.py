@@ -100,16 +100,19 @@ def no_docker(reason: str):
 @pytest.fixture(scope="session")
 def dockerd() -> Iterator[Dockerd]:
     """A private daemon when one can be started, else an engine that answers, else a loud skip."""
-    from dockerd import Dockerd, clean_up, import_base, reachable
+    from dockerd import Dockerd, chosen, clean_up, import_base, reachable
 
     os.environ["PATH"] += os.pathsep + "/usr/sbin"
-    if os.geteuid() != 0 or not shutil.which("dockerd"):
+    engine = chosen()
+    if why := engine.missing():
+        if engine is not Dockerd:
+            no_docker(why)
         daemon = reachable()
         import_base(daemon.host)
         yield daemon
         return
     clean_up()
-    daemon = Dockerd(Path(subprocess.check_output(["mktemp", "-d", "/tmp/rorg-dockerd.XXXXXX"], text=True).strip()))
+    daemon = engine(Path(subprocess.check_output(["mktemp", "-d", "/tmp/rorg-dockerd.XXXXXX"], text=True).strip()))
     try:
         try:
             daemon.start()

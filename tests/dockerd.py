@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import os
+import pwd
+import resource
 import shutil
 import subprocess
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 
 import psutil
@@ -14,6 +18,11 @@ from conftest import BASE_IMAGE, ROOT, no_docker, wait_for
 
 ENOUGH = 12 << 30
 """Bytes of memory with which images are kept in memory."""
+
+
+def _most(number: int, enough: int) -> int:
+    hard = resource.getrlimit(number)[1]
+    return enough if hard == resource.RLIM_INFINITY else min(hard, enough)
 
 
 def memory() -> int:
@@ -36,6 +45,16 @@ def clean_up() -> None:
 class Dockerd:
     """A private daemon that can be killed and started again."""
 
+    title = "Docker 20.10"
+    podman = False
+    survives = False
+    """Containers go on while the engine is away."""
+
+    @staticmethod
+    def missing() -> str:
+        """Why it cannot be started here."""
+        return "" if os.geteuid() == 0 and shutil.which("dockerd") else "no dockerd to start as root"
+
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.host = f"unix://{folder}/docker.sock"
@@ -52,35 +71,46 @@ class Dockerd:
         wait = f"while [ -e {self.folder}/hold ]; do sleep 0.05; done"
         hang.write_text(f'#!/bin/sh\ncase " $* " in *" start "*) {wait};; esac\nexec runc "$@"\n')
         hang.chmod(0o755)
-        # It ends with us, however we end: `setpriv` becomes dockerd, and is told when its parent is no more.
+        # It ends with us, however we end: `setpriv` becomes the engine, and is told when its parent is no more.
         tied = ["setpriv", "--pdeathsig", "TERM"] if shutil.which("setpriv") else []
         log = (self.folder / "dockerd.log").open("ab")
         self.process = subprocess.Popen(
-            [
-                *tied,
-                "dockerd",
-                "--data-root",
-                f"{self.folder}/data",
-                "--exec-root",
-                f"{self.folder}/exec",
-                "--pidfile",
-                f"{self.folder}/pid",
-                "--host",
-                self.host,
-                "--bridge=none",
-                "--iptables=false",
-                "--exec-opt",
-                "native.cgroupdriver=cgroupfs",
-                "--add-runtime",
-                f"hang={hang}",
-                "--add-runtime",
-                "nvidia=runc",
-            ],
+            [*self.as_user(), *tied, *self.command(hang)],
             stdout=log,
             stderr=log,
             start_new_session=True,
+            cwd="/",
+            env=self.environment(),
         )
         wait_for(self.answers, 60, f"dockerd, see {self.folder}/dockerd.log")
+
+    def command(self, hang: Path) -> list[str]:
+        return [
+            "dockerd",
+            "--data-root",
+            f"{self.folder}/data",
+            "--exec-root",
+            f"{self.folder}/exec",
+            "--pidfile",
+            f"{self.folder}/pid",
+            "--host",
+            self.host,
+            "--bridge=none",
+            "--iptables=false",
+            "--exec-opt",
+            "native.cgroupdriver=cgroupfs",
+            "--add-runtime",
+            f"hang={hang}",
+            "--add-runtime",
+            "nvidia=runc",
+        ]
+
+    def as_user(self) -> list[str]:
+        """The beginning of a command that runs as another user."""
+        return []
+
+    def environment(self) -> Mapping[str, str]:
+        return os.environ
 
     def answers(self) -> bool:
         if self.process is not None and self.process.poll() is not None:
@@ -125,6 +155,140 @@ def end_what_outlived(folder: Path) -> None:
                 for left in [*process.children(recursive=True), process]:
                     with contextlib.suppress(psutil.NoSuchProcess):
                         left.kill()
+
+
+class NewerDocker(Dockerd):
+    """Docker 26 of Debian's next release, unpacked by tests/newer_docker.sh."""
+
+    title = "Docker 26"
+    folder_of_programs = ROOT / ".venv/docker26"
+    features: Mapping[str, bool] = {}
+
+    @classmethod
+    def missing(cls) -> str:
+        place = cls.folder_of_programs
+        return "" if (place / "complete").exists() else f"no Docker 26: tests/newer_docker.sh {place}"
+
+    def command(self, hang: Path) -> list[str]:
+        configuration = self.folder / "daemon.json"
+        configuration.write_text(json.dumps({"features": self.features} if self.features else {}))
+        _, *options = super().command(hang)
+        return [
+            str(self.folder_of_programs / "usr/sbin/dockerd"),
+            *options,
+            "--config-file",
+            str(configuration),
+            "--init-path",
+            str(self.folder_of_programs / "usr/bin/tini-static"),
+        ]
+
+    def environment(self) -> Mapping[str, str]:
+        programs = (str(self.folder_of_programs / name) for name in ("usr/bin", "usr/sbin"))
+        return {**os.environ, "PATH": os.pathsep.join((*programs, os.environ["PATH"]))}
+
+
+class ContainerdStore(NewerDocker):
+    """The same with images in containerd's store."""
+
+    title = "Docker 26, containerd's image store"
+    features: Mapping[str, bool] = {"containerd-snapshotter": True}
+
+
+class Podman(Dockerd):
+    """Podman's service."""
+
+    title = "Podman 4.3"
+    podman = True
+    survives = True
+
+    @staticmethod
+    def missing() -> str:
+        return "" if os.geteuid() == 0 and shutil.which("podman") else "no podman to start as root"
+
+    def command(self, hang: Path) -> list[str]:
+        self.configure(hang)
+        return [shutil.which("podman") or "podman", "system", "service", "--time", "0", self.host]
+
+    def configure(self, hang: Path) -> None:
+        """crun, the default runtime, does not start on a machine with both versions of control groups. Podman's own
+        limits are higher than a sandbox allows."""
+        known = {"nofile": (resource.RLIMIT_NOFILE, 20_000), "nproc": (resource.RLIMIT_NPROC, 32_768)}
+        limits = [f'"{name}={most}:{most}"' for name, limit in known.items() if (most := _most(*limit))]
+        (self.folder / "containers.conf").write_text(
+            f"""[engine]
+runtime = "runc"
+cgroup_manager = "cgroupfs"
+events_logger = "file"
+tmp_dir = "{self.folder}/exec/tmp"
+volume_path = "{self.folder}/data/volumes"
+[engine.runtimes]
+hang = ["{hang}"]
+nvidia = ["{shutil.which("runc")}"]
+[containers]
+log_driver = "k8s-file"
+default_ulimits = [{", ".join(limits)}]
+[network]
+network_backend = "netavark"
+network_config_dir = "{self.folder}/exec/networks"
+"""
+        )
+        (self.folder / "storage.conf").write_text(
+            f'[storage]\ndriver = "overlay"\ngraphroot = "{self.folder}/data"\nrunroot = "{self.folder}/exec/run"\n'
+        )
+
+    def environment(self) -> Mapping[str, str]:
+        return {
+            **os.environ,
+            "CONTAINERS_CONF": f"{self.folder}/containers.conf",
+            "CONTAINERS_STORAGE_CONF": f"{self.folder}/storage.conf",
+        }
+
+
+class RootlessPodman(Podman):
+    """The same for a user of this machine, whose containers have no control groups."""
+
+    title = "Podman 4.3, rootless"
+    user = "rorg-rootless"
+
+    @classmethod
+    def missing(cls) -> str:
+        try:
+            pwd.getpwnam(cls.user)
+        except KeyError:
+            return f"no user {cls.user}"
+        return Podman.missing()
+
+    def command(self, hang: Path) -> list[str]:
+        user = pwd.getpwnam(self.user)
+        for name in ("data", "exec", "runtime"):
+            (self.folder / name).mkdir(exist_ok=True)
+        command = super().command(hang)
+        self.folder.chmod(0o755)
+        for path in (self.folder, *self.folder.iterdir()):
+            if path.name != "dockerd.log":
+                os.chown(path, user.pw_uid, user.pw_gid)
+        return command
+
+    def as_user(self) -> list[str]:
+        user = pwd.getpwnam(self.user)
+        return ["setpriv", "--reuid", str(user.pw_uid), "--regid", str(user.pw_gid), "--init-groups"]
+
+    def environment(self) -> Mapping[str, str]:
+        home = pwd.getpwnam(self.user).pw_dir
+        return {**super().environment(), "HOME": home, "USER": self.user, "XDG_RUNTIME_DIR": f"{self.folder}/runtime"}
+
+
+ENGINES: Mapping[str, type[Dockerd]] = {
+    "docker": Dockerd,
+    "docker26": NewerDocker,
+    "docker26-containerd": ContainerdStore,
+    "podman": Podman,
+    "podman-rootless": RootlessPodman,
+}
+
+
+def chosen() -> type[Dockerd]:
+    return ENGINES[os.environ.get("RORG_TEST_ENGINE") or "docker"]
 
 
 class Reachable(Dockerd):

@@ -142,6 +142,10 @@ class VirtualRobot:
     def drift(self, verb: str, service: str, *args) -> None:
         getattr(self.sim.engine, verb)(self.container(service).id, *args)
 
+    def can(self, ability: str) -> bool:
+        """Whether its engine has one of Capabilities."""
+        return getattr(self.sim.engine.capabilities, ability)
+
     def close(self) -> None:
         pass
 
@@ -266,6 +270,9 @@ class RealRobot(VirtualRobot):
 
     def containers(self):
         return self.engine.list()
+
+    def can(self, ability: str) -> bool:
+        return getattr(self.engine.capabilities, ability)
 
     def log(self) -> list[str]:
         return list(self.lines)

@@ -34,7 +34,10 @@ ALWAYS = "image: net:1\nalways_on: true\nresources: {cpu: 8, memory: 1Gi}\n"
 ROS2 = "image: talker:1\ncommand: ros2 run demo talker\nprofile: ros2\n"
 THERE = Node("device", 0o660, 0, 20, "dialout")
 
+PAUSING = "image: x\nidle: {action: pause}\n"
 CASES = [
+    ("engine-lacks", CGROUP, {"cgroup": 1, "lacking": {"mem_swappiness": "no"}}, "6:31", "another engine, or drop it"),
+    ("engine-lacks", PAUSING, {"pauses": False}, "6:18", "another engine, or drop it"),
     ("missing-device", DRIVER, {"nodes": {LASER: Node("absent", near=f"{LASER}-if00")}}, "7:15", f"{LASER}-if00"),
     ("missing-device", DRIVER, {"nodes": {LASER: Node("file")}}, "7:15", CODES["missing-device"].remedy),
     (

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 NAVIGATION = {
     "roscore": {},
     "localization": {"needs": ["roscore"]},
@@ -31,13 +33,14 @@ def test_a_request_starts_what_is_needed_first_and_its_release_ceases_it(robot):
     assert robot.states() == {
         "roscore": "exited",
         "localization": "exited",
-        "navigation": "paused",
+        "navigation": "paused" if robot.can("pause") else "exited",
         "camera": "created",
     }
     robot.request("navigation")
     robot.wait(lambda: "navigation" in robot.active())
     robot.settle()
-    assert any(line.startswith("= resume navigation") for line in robot.log())
+    resumed = any(line.startswith("= resume navigation") for line in robot.log())
+    assert resumed is robot.can("pause")
 
 
 def test_idle_remove_leaves_no_container(robot):
@@ -86,6 +89,8 @@ def test_a_pause_behind_its_back_is_undone(robot):
     robot.declare({"camera": {"always_on": True}})
     robot.wait(lambda: robot.active() == {"camera"})
     robot.settle()
+    if not robot.can("pause"):
+        pytest.skip("nobody can pause on this engine: see docs/reference/engines.md")
     robot.drift("pause", "camera")
     robot.wait(lambda: robot.active() == {"camera"})
 
@@ -123,10 +128,10 @@ def test_requests_sleep_while_their_requester_is_not_wanted_and_come_back_with_i
     robot.wait(lambda: robot.active() == {"behaviour", "camera"})
     robot.settle()
     robot.release()
-    robot.wait(lambda: robot.active() == set() and robot.states()["behaviour"] == "paused")
+    robot.wait(lambda: robot.active() == set() and robot.states()["behaviour"] in ("paused", "exited"))
     robot.settle()
     robot.request("behaviour")
-    robot.wait(lambda: robot.active() == {"behaviour", "camera"})
+    robot.wait(lambda: robot.active() == ({"behaviour", "camera"} if robot.can("pause") else {"behaviour"}))
 
 
 def test_a_change_replaces_exactly_one_container(robot):
@@ -149,6 +154,8 @@ def test_a_live_option_changes_without_a_new_container(robot):
     robot.declare({"aa": {"always_on": True, "container": {"cpu_shares": 512}}})
     robot.wait(lambda: robot.active() == {"aa"})
     robot.settle()
+    if not robot.can("update"):
+        pytest.skip("this engine changes nothing in place: see docs/reference/engines.md")
     before = robot.container("aa").incarnation
     robot.declare({"aa": {"always_on": True, "container": {"cpu_shares": 256}}})
     robot.wait(lambda: robot.container("aa").live["cpu_shares"] == 256)

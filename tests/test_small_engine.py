@@ -9,6 +9,7 @@ import threading
 import time
 import uuid
 from dataclasses import replace
+from typing import ClassVar
 
 import pytest
 from conftest import wait_for
@@ -25,6 +26,8 @@ class SmallEngine(Engine):
     """Plain processes, known only to this object."""
 
     name, address, local = "small", "", True
+    ignored: ClassVar[frozenset[str]] = frozenset()
+    """Options that it knows and does not follow."""
     capabilities = Capabilities(
         server=False, isolation=False, images=False, pause=False, rename=False, update=False, exec=False, logs=False,
         events=False, stats=False,
@@ -43,7 +46,9 @@ class SmallEngine(Engine):
             container = uuid.uuid4().hex * 2
             self.commands[container] = [*spec.get("entrypoint", []), *spec["command"]]
             now = stamp(time.time())
-            self.made[container] = Container(container, name, state="created", created_at=now, **from_labels(labels))
+            live = dict.fromkeys(self.ignored, 0)
+            marks = from_labels(labels)
+            self.made[container] = Container(container, name, state="created", created_at=now, live=live, **marks)
             return container
 
     def start(self, container: str) -> None:
@@ -131,6 +136,24 @@ def test_a_change_that_does_not_come_up_goes_back(robot):
     robot.declare({"camera": {"always_on": True, "command": ["false"]}})
     robot.wait(lambda: any("update-failed" in line or "back to the previous container" in line for line in robot.log()))
     robot.wait(lambda: robot.active() == {"camera"} and robot.container("camera").id == before)
+
+
+def test_a_limit_that_it_ignores_makes_no_containers_without_end(robot):
+    """As rootless Podman does on control groups of version 1."""
+    robot.engine.ignored = frozenset(("pids_limit",))
+    limited = {"always_on": True, "container": {"pids_limit": 100}}
+    robot.declare({"camera": limited})
+    robot.wait(lambda: robot.active() == {"camera"})
+    robot.settle()
+    before = robot.container("camera").id
+    robot.declare({"camera": limited, "map": {}})
+    robot.wait(lambda: "map" in robot.states())
+    robot.settle()
+    assert robot.container("camera").id == before
+    robot.declare({"camera": {"always_on": True, "container": {"pids_limit": 200}}, "map": {}})
+    robot.wait(lambda: robot.active() == {"camera"} and robot.container("camera").id != before)
+    robot.settle()
+    assert len([line for line in robot.log() if line.startswith("+ create camera")]) == 2
 
 
 def test_an_end_is_seen_without_events(robot):

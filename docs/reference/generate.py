@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
+from engines_page import engines
 from findings_page import findings
 from pydantic import BaseModel
 
@@ -201,6 +202,7 @@ def main() -> None:
         ("exit-codes.md", exit_codes()),
         ("api.md", api()),
         ("findings.md", NOTE + findings()),
+        ("engines.md", NOTE + engines()),
     ):
         path = HERE / name
         if not path.exists() or path.read_text(encoding="utf-8") != text:

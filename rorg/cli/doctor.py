@@ -99,7 +99,9 @@ def _engine(context: Context) -> tuple[dict[str, Any], list[Path]]:
         "engine_host": facts.host,
         "engine_error": facts.error,
         "engine_denied": facts.denied,
+        "engine_product": facts.product,
         "engine_version": facts.version,
+        "engine_lacks": facts.lacking,
         "live_restore": facts.live_restore,
     }
     return fields, [Path(facts.root)] if facts.root and facts.host.startswith("unix://") else []

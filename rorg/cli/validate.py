@@ -120,17 +120,20 @@ def _on_this_machine(loaded: Loaded, engine: str) -> list[Diagnostic]:
     from rorg.host.devices import look
     from rorg.host.machine import gather
     from rorg.manifest.validation.machine import check_machine, named_paths
+    from rorg.model.engines import capabilities_of
+    from rorg.model.options import OPTIONS
 
     if loaded.catalog is None or loaded.sources is None:
         return []
     devices = {d for s in loaded.catalog.services.values() for d in s.devices}
     machine = replace(gather(named_paths(loaded.catalog, loaded.sources)), plugged=look(devices))
-    if engine != "process":
-        facts = engine_facts()
-        if facts.error:
-            note(f"the engine at {facts.host} does not answer, and is not checked: {facts.error}")
-        else:
-            machine = replace(machine, runtimes=facts.runtimes)
+    if not capabilities_of(engine).server:
+        ignored = capabilities_of(engine).ignored(frozenset(OPTIONS))
+        machine = replace(machine, lacking=dict.fromkeys(ignored, f"ignored by the {engine} engine"))
+    elif (facts := engine_facts()).error:
+        note(f"the engine at {facts.host} does not answer, and is not checked: {facts.error}")
+    else:
+        machine = replace(machine, runtimes=facts.runtimes, lacking=facts.lacking, pauses=facts.pauses)
     return check_machine(loaded.catalog, loaded.sources, machine)
 
 

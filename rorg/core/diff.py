@@ -67,6 +67,13 @@ def difference(container: Container, spec: Spec, digest: str, now: Mapping[str, 
     return Difference(tuple(k for k in changed if k not in in_place), live)
 
 
+def declared_anew(container: Container, options: Collection[str], now: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return those of these options that were declared otherwise, or not at all, when the container was made. `now` is
+    declared_now(spec)."""
+    then = _declared_then(container.declared)
+    return tuple(sorted(o for o in options if not same(then.get(o), now.get(o))))
+
+
 Normalize = Callable[[Any], Any]
 NOTHING = None
 """The normal form of a value that has the same effect as declaring nothing."""

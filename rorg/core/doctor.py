@@ -48,7 +48,10 @@ def _engine(host: Installation) -> Iterator[Check]:
         message = f"the engine at {host.engine_host} does not answer: {host.engine_error}"
         yield Check("engine", ERROR, message, "`systemctl start docker`, DOCKER_HOST, or --engine process")
     else:
-        yield Check("engine", OK, f"Docker {host.engine_version} answers at {host.engine_host}")
+        yield Check("engine", OK, f"{host.engine_product} {host.engine_version} answers at {host.engine_host}")
+        for why in sorted(set(host.engine_lacks.values())):
+            options = ", ".join(option for option, reason in host.engine_lacks.items() if reason == why)
+            yield Check("engine-lacks", WARNING, f"{options}: {why}", "`rorg validate --machine` for the services")
         if not host.live_restore:
             message = "containers stop when the engine restarts"
             remedy = '{"live-restore": true} in /etc/docker/daemon.json'

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from rorg.core.deferred import content_to_restart_for, deferred
 from rorg.core.devices import NODES, given, nodes_of, replugged
-from rorg.core.diff import Difference, difference
+from rorg.core.diff import Difference, declared_anew, difference
 from rorg.core.digest import Rules, labels
 from rorg.core.idle import cease
 from rorg.core.joining import can_return, is_made_ahead, missing, moved, with_ids
@@ -87,14 +87,17 @@ class _Reconciled:
         nodes = (NODES,) if not declared.recreate and replugged(container, self.nodes) else ()
         networks = ("networks",) if self.on_another(container) else ()
         more = (*nodes, *networks, *self.not_in_place(container, declared))
-        return replace(declared, recreate=(*declared.recreate, *more)) if more else declared
+        live = declared.live if self.s.engine.update else {}
+        return replace(declared, recreate=(*declared.recreate, *more), live=live) if more or not live else declared
 
     def not_in_place(self, container: Container, declared: Difference) -> tuple[str, ...]:
         """Return options that an engine with `rename` and `update` would change in place. A name that was only made
-        unique is no difference."""
+        unique is no difference. Nor is a value that the engine ignored when it made the container, such as a limit of
+        rootless Podman: the next container would have it no more than this one."""
         own, engine = self.service.container_name, self.s.engine
         named = engine.rename or container.name == own or container.name.startswith(f"{own}.")
-        return (*(() if named else ("container_name",)), *(() if engine.update else sorted(declared.live)))
+        changed = declared_anew(container, declared.live, self.desired.declared[self.name])
+        return (*(() if named else ("container_name",)), *(() if engine.update else changed))
 
     def on_another(self, container: Container) -> bool:
         """Return whether a stopped container was joined to a network that no longer exists or is about to be

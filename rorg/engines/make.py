@@ -33,6 +33,6 @@ def available_engine(owner: str) -> tuple[str, str]:
     from rorg.engines.docker.engine import DockerEngine
 
     try:
-        return DockerEngine.name, f"Docker {DockerEngine(owner).ping()} answers"
+        return DockerEngine.name, f"{DockerEngine(owner).ping()} answers"
     except RorgError as error:
         return "process", f"Docker does not answer: {error.why}"

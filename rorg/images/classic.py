@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import tempfile
 from collections.abc import Iterable
 from pathlib import Path
@@ -16,6 +17,9 @@ from rorg.images.cancel import Cancellation
 from rorg.images.context import write_tar
 from rorg.images.order import Order, Say, StepFailed
 from rorg.model.catalog import Image
+
+STEP = re.compile("step ", re.IGNORECASE)
+"""The beginning of a message about the next step: `Step 1/3 : FROM ...`, with Podman `STEP 1/3: FROM ...`."""
 
 
 def build(client: Client, order: Order, image: Image, dockerfile: bytes, say: Say, cancellation: Cancellation) -> str:
@@ -60,10 +64,11 @@ def _read(order: Order, lines: Iterable[bytes], say: Say) -> str:
         text = str(told.get("stream", ""))
         if "error" in told:
             raise StepFailed(what, str(told["error"]), step)
-        if text.startswith("Step "):
+        begins = STEP.match(text) is not None
+        if begins:
             step = text.strip()
         if text:
-            say(text, step=text.startswith("Step "))
+            say(text, step=begins)
         if "aux" in told:
             made = str(told["aux"].get("ID", made))
     if not made:

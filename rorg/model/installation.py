@@ -30,7 +30,10 @@ class Installation:
     """Why the engine does not answer; empty if it does."""
     engine_denied: bool = False
     """The engine runs, but this user may not use it."""
+    engine_product: str = "Docker"
     engine_version: str = ""
+    engine_lacks: Mapping[str, str] = field(default_factory=dict)
+    """Option of a container -> what the engine does with it instead, and why."""
     live_restore: bool = True
     cgroup: int = 2
     pressure: bool = True

@@ -47,3 +47,7 @@ class Machine:
     """Free bytes in /dev/shm; None if unknown."""
     runtimes: frozenset[str] | None = None
     """Runtimes of the engine; None if it was not asked or does not answer."""
+    lacking: Mapping[str, str] = field(default_factory=dict)
+    """Option of a container -> what the engine does with it instead, and why."""
+    pauses: bool = True
+    """The engine can pause containers."""

@@ -66,7 +66,7 @@ CALLS = {
     "list": lambda engine: engine.list(),
     "inspect": lambda engine: engine.inspect("abc"),
     "events": next_event,
-    "version": lambda engine: engine.ping(),
+    "disk": lambda engine: engine.images(),
     "images": lambda engine: engine.missing_images(["x"]),
     "start": lambda engine: engine.start("abc"),
 }

@@ -13,6 +13,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from email.utils import parsedate_to_datetime
 from typing import IO, Any, Literal
 from urllib.parse import quote, urlencode
 
@@ -20,6 +21,7 @@ from rorg.engines.docker import answers
 from rorg.engines.docker.connect import connect
 from rorg.engines.docker.errors import NoAnswer, Refused
 from rorg.engines.docker.ping import Ping, readable
+from rorg.engines.docker.release import Release, release, version_text
 
 API_TIMEOUT = 120.0
 """Seconds without a byte from the engine. A start may take long on a loaded robot. A lost connection ends a call
@@ -44,16 +46,30 @@ class Client:
     def __init__(self, host: str) -> None:
         self.host = host
         self._kept = threading.local()
-        self._version = ""
+        self._release: Release | None = None
 
     @property
-    def version(self) -> str:
-        """The newest version of the API that the engine has."""
-        if not self._version:
-            with self._answer("GET", "/_ping", None, API_TIMEOUT) as answer:
-                answers.whole(answer, self.host)
-                self._version = answer.getheader("Api-Version") or "1.41"
-        return self._version
+    def release(self) -> Release:
+        """The engine's release. It is asked once, and again after forget()."""
+        known = self._release
+        if known is None:
+            known = self._release = release(self._ping_headers())
+        return known
+
+    def forget(self) -> None:
+        """The engine may be another release now: it was restarted."""
+        self._release = None
+
+    def just_now(self) -> int | None:
+        """The beginning of the present second by the engine's clock; None if it does not say. For streams of events: an
+        engine answers before it has subscribed, so an event in between is lost unless it is asked for."""
+        date = self._ping_headers().get("date", "")
+        return int(parsedate_to_datetime(date).timestamp()) if date else None
+
+    def _ping_headers(self) -> dict[str, str]:
+        with self._answer("GET", "/_ping", None, API_TIMEOUT) as answer:
+            answers.whole(answer, self.host)
+            return {name.lower(): value for name, value in _checked(answer).getheaders()}
 
     def get(self, path: str, timeout: float = API_TIMEOUT, **query: Any) -> Any:
         """Return the answer, parsed from JSON. Booleans, numbers and mappings in the query are written as the engine
@@ -122,11 +138,14 @@ class Client:
     def _call(self, method: Method, path: str, body: Body, timeout: float, query: Any) -> Any:
         with self._answer(method, self._url(path, query), body, timeout) as answer:
             text = answers.whole(_checked(answer), self.host)
-        return answers.from_json(text) if text else None
+            plain = (answer.getheader("Content-Type") or "").startswith("text/plain")
+        # Where Docker answers nothing, Podman may say OK, or end an empty answer with a newline.
+        return answers.from_json(text) if text.strip() and not plain else None
 
     def _url(self, path: str, query: Mapping[str, Any]) -> str:
         said = {k: v if isinstance(v, tuple) else _said(v) for k, v in query.items() if v is not None}
-        return f"/v{self.version}{quote(path, safe='/:@')}" + (f"?{urlencode(said, doseq=True)}" if said else "")
+        whole = f"/v{version_text(self.release.api)}{quote(path, safe='/:@')}"
+        return f"{whole}?{urlencode(said, doseq=True)}" if said else whole
 
     @contextmanager
     def _answer(self, method: Method, url: str, body: Body, timeout: float) -> Iterator[http.client.HTTPResponse]:

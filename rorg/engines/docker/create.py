@@ -10,6 +10,7 @@ from rorg.core.observed import LABEL_OWNER, LABEL_STATE
 from rorg.engines.docker.body import Body, create_body
 from rorg.engines.docker.client import Client
 from rorg.engines.docker.errors import Refused, docker_errors
+from rorg.engines.docker.release import LOCAL
 from rorg.engines.docker.volumes import keep_volumes
 from rorg.errors import EngineError, RorgError
 
@@ -27,12 +28,30 @@ def create_container(
 ) -> str:
     """Make a container and return its id. It takes over the unnamed volumes of `before`. An option in `defaults` is
     left out if the image has its own value."""
-    inspection = client.find(f"/images/{spec['image']}/json") or {}  # create reports a missing image
-    body, image = create_body(spec, labels), inspection.get("Config") or {}
+    body, inspection = create_body(spec, labels), client.find(f"/images/{spec['image']}/json")
+    if client.release.podman:
+        inspection = inspection or _made_here(client, body)
+        _without_init(body)
+    image = (inspection or {}).get("Config") or {}  # create reports a missing image
     if "stop_signal" in defaults and image.get("StopSignal"):
         body.pop("StopSignal", None)
     keep_volumes(client, body, image.get("Volumes") or {}, before)
     return make(client, name, body, spec.get("platform"))
+
+
+def _made_here(client: Client, body: Body) -> Any:
+    """Podman's own command gives images without a registry this prefix, and the API looks for them at Docker Hub's."""
+    inspection = client.find(f"/images/{LOCAL}{body['Image']}/json")
+    if inspection:
+        body["Image"] = f"{LOCAL}{body['Image']}"
+    return inspection
+
+
+def _without_init(body: Body) -> None:
+    """Podman refuses `init` for a container with the host's processes, of which none is PID 1. Docker starts one, which
+    does little there."""
+    if body["HostConfig"].get("PidMode") == "host":
+        body["HostConfig"].pop("Init", None)
 
 
 def make(client: Client, name: str, body: Body, platform: str | None) -> str:
@@ -52,7 +71,7 @@ def _networks_for_later(client: Client, body: dict[str, Any]) -> dict[str, Any]:
     """Take from the body the networks that must be joined after the create call: with an older engine, all except the
     first."""
     endpoints = body.get("NetworkingConfig", {}).get("EndpointsConfig", {})
-    if tuple(map(int, client.version.split("."))) >= SEVERAL_NETWORKS:
+    if client.release.api >= SEVERAL_NETWORKS:
         return {}
     return {network: endpoints.pop(network) for network in sorted(endpoints)[1:]}
 

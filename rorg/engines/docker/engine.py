@@ -18,8 +18,10 @@ from rorg.engines.docker.create import create_container, name_taken
 from rorg.engines.docker.errors import docker_errors
 from rorg.engines.docker.images import Images
 from rorg.engines.docker.inside import Inside
-from rorg.engines.docker.inspection import read_container, update_body
+from rorg.engines.docker.inspection import read_container, state_of, update_body
+from rorg.engines.docker.lacking import capabilities
 from rorg.engines.docker.ping import Pinger
+from rorg.engines.docker.release import version_text
 from rorg.engines.docker.volumes import remove_container
 from rorg.engines.log_lines import Reading
 from rorg.engines.protocol import NONE, Usage, stop_sequence
@@ -45,12 +47,13 @@ class DockerEngine(Inside, Images):
     """Containers of one owner on one Docker engine."""
 
     name = DEFAULT_ENGINE
-    capabilities = ENGINES[name]
 
     def __init__(self, owner: str, base_url: str | None = None, state: str = "") -> None:
         """`state`: the owner's state directory, for the labels of what it makes."""
         self.owner, self.client = owner, Client(engine_host(base_url))
         self.labels = {LABEL_STATE: state} if state else {}
+        self.capabilities = ENGINES[self.name]
+        """All until the engine has answered; then those of its release."""
         self.address = self.client.host
         self.local = self.client.host.startswith(("unix://", "http+unix://"))
 
@@ -62,11 +65,12 @@ class DockerEngine(Inside, Images):
         with docker_errors("reach the engine"):
             # TLS by the same variables as ours
             options = kwargs_from_env({**os.environ, "DOCKER_HOST": self.client.host})
-            return docker.APIClient(**options, version=self.client.version, timeout=int(API_TIMEOUT))
+            return docker.APIClient(**options, version=version_text(self.client.release.api), timeout=int(API_TIMEOUT))
 
     def ping(self) -> str:
         with docker_errors("reach the engine"):
-            return str(self.client.get("/version")["Version"])
+            self.client.forget()
+            return str(self.client.release)
 
     def pinger(self) -> Pinger:
         return Pinger(self.client.ping())
@@ -106,27 +110,35 @@ class DockerEngine(Inside, Images):
         return Container(
             row["Id"],
             row["Names"][0].lstrip("/"),
-            state=row["State"],
+            state=state_of(row["State"]),
             brief=True,
             **from_labels(row.get("Labels") or {}),
         )
 
     def inspect(self, container: str, timeout: float = API_TIMEOUT) -> Container | None:
         try:
-            with docker_errors(f"inspect {container[:12]}"):
-                data = self.client.get(f"/containers/{container}/json", timeout)
+            data = self._inspection(container, timeout)
         except EngineError as error:
             if error.kind == "gone":
                 return None
-            raise
+            if error.kind != "ending":
+                raise
+            data = self._inspection(container, timeout)
         labels = data["Config"].get("Labels") or {}
         return read_container(data, self.local) if labels.get(LABEL_OWNER) == self.owner else None
 
+    def _inspection(self, container: str, timeout: float) -> Any:
+        with docker_errors(f"inspect {container[:12]}"):
+            return self.client.get(f"/containers/{container}/json", timeout)
+
     def events(self, stop: Reading) -> Iterator[tuple[str, str]]:
         filters = {"type": ["container"], "label": [f"{LABEL_OWNER}={self.owner}"]}
+        with docker_errors("follow the engine's events"):
+            self.client.forget()
+            self.capabilities = capabilities(self.client)
         with (
             docker_errors("follow the engine's events"),
-            self.client.stream("GET", "/events", filters=filters) as stream,
+            self.client.stream("GET", "/events", filters=filters, since=self.client.just_now()) as stream,
             stop.closing(stream.close),
         ):
             yield "", ""
@@ -180,12 +192,11 @@ class DockerEngine(Inside, Images):
             self.client.post(f"/containers/{container}/{path or what}", body, **query)
 
     def stop(self, container: str, signal: str, grace: float) -> None:
-        """A signal alone wakes a paused container (Docker 20.10 and later: kill thaws). A signal that the engine
-        refuses, such as a number that an image declares, is skipped."""
+        """A signal that the engine refuses, such as a number that an image declares, is skipped."""
         why = EngineError(f"stop {container[:12]}", "it did not end after SIGKILL", "`dmesg` for a device that hangs")
         for name, seconds in stop_sequence(signal, grace):
             try:
-                self._do("stop", container, "kill", signal=name)
+                self._kill(container, name)
             except EngineError as error:
                 if error.kind in ("conflict", "gone"):
                     return
@@ -194,6 +205,16 @@ class DockerEngine(Inside, Images):
             if self._ended(container, seconds):
                 return
         raise why
+
+    def _kill(self, container: str, signal: str) -> None:
+        """A signal alone wakes a paused container of Docker (20.10 and later: kill thaws), but not one of Podman."""
+        self._do("stop", container, "kill", signal=signal)
+        if self.client.release.podman:
+            try:
+                self._do("stop", container, "unpause")
+            except EngineError as error:
+                if error.kind not in ("conflict", "gone"):
+                    raise
 
     def signal(self, container: str, name: str) -> None:
         self._do("signal", container, "kill", signal=name)
@@ -259,4 +280,4 @@ def _as_before(known: Mapping[str, Container], row: Mapping[str, Any], heard: se
     before = known.get(row["Id"])
     if before is None or before.brief or row["Id"] in heard:
         return None
-    return before if (before.name, before.state) == (row["Names"][0].lstrip("/"), row["State"]) else None
+    return before if (before.name, before.state) == (row["Names"][0].lstrip("/"), state_of(row["State"])) else None

@@ -40,15 +40,22 @@ KINDS = (
     ("missing_image", r"no such image", "`rorg build`"),
     (
         "name_taken",
-        r"is already in use by container",
+        r"is already in use by container|name .* already in use",
         "another container_name, or remove that container, which is not rorg's",
     ),
-    ("missing_device", r"gathering device information|no such file or directory.*dev", "to plug the device in"),
+    (
+        "missing_device",
+        r"gathering device information|no such file or directory.*dev|stat /dev/\S+: no such file",
+        "to plug the device in",
+    ),
     ("forbidden", r"operation not permitted|permission denied", "an engine that may do this, or leave the option out"),
     ("forbidden", r"could not select device driver", "an engine with that runtime, or leave gpus out"),
     ("unsupported", r"freezer not supported|cannot toggle freezer|cannot be paused", "idle: {action: stop}"),
-    ("gone", r"no such container", ""),
-    ("conflict", r"is paused|not running|already (started|paused)|is not paused", ""),
+    ("gone", r"no such container|no container with name or ID", ""),
+    ("conflict", r"is paused|not running|already (started|paused)|is not paused|container state improper", ""),
+    ("unsupported", r"client version .* is too old", "a newer rorg: this engine has only newer forms of its API"),
+    # Podman looked at a process that ended meanwhile.
+    ("ending", r"/proc/\d+/\S+: no such process", ""),
     # An engine that was killed during a start left these. Nothing of the program runs, and this container never will.
     # In the last case a process runs that the engine does not know.
     ("spent", r"task \S+ already exists|failed to start shim: mkdir .*: file exists", ""),

@@ -9,11 +9,10 @@ from typing import IO, Any
 from rorg.engines.docker.answers import from_json
 from rorg.engines.docker.client import Client
 from rorg.engines.docker.errors import Refused, docker_errors
+from rorg.engines.docker.release import LOCAL
 from rorg.errors import EngineError
 from rorg.model.image_names import plain
 
-LOCAL = "localhost/"
-"""Podman's prefix of names that were made here and name no registry."""
 LOADING = 600.0
 """Seconds for which the engine may say nothing while it unpacks a layer."""
 

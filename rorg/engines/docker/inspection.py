@@ -14,6 +14,14 @@ from rorg.model.options import LIVE, OPTIONS
 
 ENGINES_OWN = ("bridge", "host", "none")
 """Networks that every engine has."""
+STATES: Mapping[str, str] = {
+    "configured": "created",
+    "initialized": "created",
+    "stopping": "running",
+    "stopped": "exited",
+}
+"""Podman's states -> Docker's, where they differ. A container is `stopped` from the end of its program until Podman has
+cleaned up after it, and cannot be told from one that has exited."""
 NEVER = "0001-01-01T00:00:00Z"
 """The engine's start time of a container that never started."""
 _LIVE = {name: OPTIONS[name].api.removeprefix("HostConfig.") for name in LIVE - {"container_name"}}
@@ -38,13 +46,14 @@ def read_container(data: Mapping[str, Any], local: bool) -> Container:
     """A Container from its inspection. If the engine is on another machine (`local` is false), process ids mean nothing
     here."""
     state, labels = data["State"], data["Config"].get("Labels") or {}
+    status = state_of(state["Status"])
     started = state.get("StartedAt") or NEVER
     return Container(
         id=data["Id"],
         name=data["Name"].lstrip("/"),
-        state=state["Status"],
+        state=status,
         started_at="" if started.startswith("0001-") else started,
-        exit_code=state.get("ExitCode") if state["Status"] == "exited" else None,
+        exit_code=state.get("ExitCode") if status == "exited" else None,
         oom_killed=bool(state.get("OOMKilled")),
         error=state.get("Error") or "",
         created_at=data.get("Created") or "",
@@ -58,10 +67,17 @@ def read_container(data: Mapping[str, Any], local: bool) -> Container:
     )
 
 
+def state_of(status: str) -> str:
+    """A state in Docker's words."""
+    return STATES.get(status, status)
+
+
 def _networks(data: Mapping[str, Any]) -> dict[str, str]:
-    """By name, the ids of the networks that it joins; the engine's own are left out, since they never change."""
+    """By name, the ids of the networks that it joins; the engine's own are left out, since they never change. Podman
+    joins networks by name, and says the name again where Docker has the id: then the id does not matter."""
     networks = (data.get("NetworkSettings") or {}).get("Networks") or {}
-    return {name: (n or {}).get("NetworkID") or "" for name, n in networks.items() if name not in ENGINES_OWN}
+    ids = {name: (n or {}).get("NetworkID") or "" for name, n in networks.items() if name not in ENGINES_OWN}
+    return {name: "" if number == name else number for name, number in ids.items()}
 
 
 def live_options(host: Mapping[str, Any]) -> dict[str, Any]:

@@ -44,7 +44,10 @@ def find(client: Client, owner: str, keys: Collection[str]) -> FoundObjects:
 def events(client: Client, stop: Reading) -> Iterator[None]:
     """One item when the stream begins, and one for each that comes or goes. The events have no labels."""
     filters = {"type": ["network", "volume"], "event": list(EVENTS)}
-    with client.stream("GET", "/events", filters=filters) as stream, stop.closing(stream.close):
+    with (
+        client.stream("GET", "/events", filters=filters, since=client.just_now()) as stream,
+        stop.closing(stream.close),
+    ):
         yield
         for line in stream.lines():
             if from_json(line).get("Action") in EVENTS:

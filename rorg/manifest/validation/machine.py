@@ -109,6 +109,15 @@ def _runtimes(subject: Subject, machine: Machine) -> Iterator[Finding]:
         yield Finding("gpu-without-runtime", subject.option("gpus"), message)
 
 
+def _engine(subject: Subject, machine: Machine) -> Iterator[Finding]:
+    """Options that the manifest itself sets: what a profile sets for everyone is no wish of this service."""
+    for name in sorted(subject.options.keys() - set(subject.service.defaults)):
+        if name in machine.lacking:
+            yield Finding("engine-lacks", subject.option(name), f"{name}: {machine.lacking[name]}")
+    if not machine.pauses and subject.service.idle.action == "pause":
+        yield Finding("engine-lacks", subject.at("idle", "action"), "the engine cannot pause: rorg stops instead")
+
+
 def _kernel(subject: Subject, machine: Machine) -> Iterator[Finding]:
     options, limits = subject.options, subject.options.get("ulimits") or {}
     for name in OF_CGROUP_1:
@@ -152,4 +161,4 @@ def _shared_memory(robot: Robot, machine: Machine) -> Iterator[Finding]:
         yield Finding("shm-nearly-full", users[0].option("ipc"), message)
 
 
-_CHECKS = (_devices, _mounts, _ports, _runtimes, _kernel, _size)
+_CHECKS = (_devices, _mounts, _ports, _runtimes, _engine, _kernel, _size)

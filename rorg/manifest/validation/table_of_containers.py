@@ -163,6 +163,8 @@ limit-above-kernel (machine): The engine cannot grant more than it has itself.
   try a smaller limit, or a higher one for the engine
 more-than-machine (machine): This machine does not have that much.
   try less of it
+engine-lacks (machine): The engine ignores or refuses it, or rorg does something else instead.
+  try another engine, or drop it
 cgroup-version (machine): This machine's kernel does not support that option.
   try to drop it
 realtime-throttled (machine): Real-time programs are throttled or refused.
