@@ -208,3 +208,23 @@ def test_a_context_that_nobody_means_to_build_from_refuses_the_tree(tmp_path):
     (tmp_path / "eye/.dockerignore").write_text("bag\n")
     wait_for(lambda: tree.read()[0])
     assert not tree.errors
+
+
+def test_a_commit_that_comes_after_the_reading_is_not_taken_for_what_was_read(tmp_path):
+    """Otherwise history would say of old manifests that they are the new commit, and `rollback` would trust that."""
+    root = write_tree(tmp_path / "tree", {"camera": {}})
+    git = ["git", "-C", str(root), "-c", "user.name=me", "-c", "user.email=me@robot"]
+    commit = [*git, "commit", "--quiet", "--all", "--message"]
+    subprocess.run([*git, "init", "--quiet"], check=True)
+    subprocess.run([*git, "add", "."], check=True)
+    subprocess.run([*commit, "first"], check=True)
+    tree = Tree(root)
+    tree.read_now()
+    write_tree(root, {"camera": {"always_on": True}})
+    subprocess.run([*commit, "second"], check=True)
+    assert tree.commit
+    assert tree.overtaken
+    wait_for(lambda: tree.read()[0], 10, "the tree to be read again")
+    assert tree.commit
+    assert not tree.overtaken
+    assert tree.desired.catalog.services["camera"].always_on

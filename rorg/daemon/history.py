@@ -103,6 +103,8 @@ class Historian:
 
     def _note_revision(self, decision: Decision, memory: Memory, tree: Tree) -> None:
         seen = (tree.desired, tree.commit)
+        if tree.overtaken:
+            return  # the next pass has read what belongs to that commit
         if len(self._seen) != len(seen) or any(a is not b for a, b in zip(self._seen, seen, strict=True)):
             self._seen = seen
             self._begin(decision.plan, memory, tree)

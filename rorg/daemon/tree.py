@@ -54,6 +54,8 @@ class Tree:
     """The last good tree, as it was read."""
     _records: tuple[int, ...] = ()
     """The stamp of the record of builds at that time."""
+    overtaken = False
+    """Whether `commit` may be a later one than the one that was read: the repository has moved since then."""
     _commit: tuple[object, Commit | None] | None = None
     """(the repository's head when git was asked, git's answer)."""
     _moves: tuple[tuple[int, int], ...] = ()
@@ -112,6 +114,7 @@ class Tree:
         stamp = (self._stamp, self._moves)
         if self._commit is None or self._commit[0] != stamp:
             self._commit = stamp, head(self.root) if self._git else None
+            self.overtaken = head_stamp(self._git) != self._moves
             self.refusal = refusal(self.root) if self._commit[1] is None else ""
         return self._commit[1]
 
