@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import os
 import random
+import select
 import shutil
 import signal
 import socket
@@ -82,6 +83,13 @@ def wait_for(condition, seconds: float = 60.0, what: str = "the condition"):
             return value
         time.sleep(0.005)
     raise AssertionError(f"not within {seconds} s: {what}")
+
+
+def readable(descriptor: int, seconds: float = 0.0) -> bool:
+    """Whether something can be read within this time, the end included. Unlike select, poll takes any descriptor."""
+    poll = select.poll()
+    poll.register(descriptor, select.POLLIN)
+    return bool(poll.poll(seconds * 1000))
 
 
 def free_port() -> int:

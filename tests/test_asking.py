@@ -5,14 +5,13 @@ from __future__ import annotations
 import os
 import pty
 import re
-import select
 import signal
 import subprocess
 import sys
 import time
 
 import pytest
-from conftest import wait_for
+from conftest import readable, wait_for
 from robots import RealRobot
 from test_thin_commands import rorg
 
@@ -119,7 +118,7 @@ def test_an_interrupt_says_what_becomes_of_the_request(robot, rollback):
 def read(main: int, until: str, seconds: float = 30.0) -> str:
     found, end = "", time.monotonic() + seconds
     while until not in found and time.monotonic() < end:
-        if select.select([main], [], [], 0.2)[0]:
+        if readable(main, 0.2):
             try:
                 found += os.read(main, 65536).decode()
             except OSError:  # the other side is closed

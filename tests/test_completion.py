@@ -5,14 +5,13 @@ from __future__ import annotations
 import os
 import pty
 import re
-import select
 import shutil
 import subprocess
 import sys
 from typing import Annotated
 
 import pytest
-from conftest import wait_for
+from conftest import readable, wait_for
 from robots import write_tree
 from test_thin_commands import SERVICES, heavy, imported, robot, rorg  # noqa: F401
 
@@ -175,7 +174,7 @@ def test_zsh_itself_completes(robot, tmp_path):  # noqa: F811
     def shows(text: str) -> None:
         def look() -> bool:
             nonlocal seen
-            while select.select([terminal], [], [], 0)[0]:
+            while readable(terminal):
                 seen += os.read(terminal, 65536).decode(errors="replace")
             return text in re.sub(r"\x1b\[[0-9;?]*[A-Za-z]|[\r\x07]", "", seen)
 

@@ -6,7 +6,6 @@ import fcntl
 import os
 import pty
 import re
-import select
 import signal
 import stat
 import struct
@@ -15,7 +14,7 @@ import sys
 import termios
 
 import pytest
-from conftest import wait_for
+from conftest import readable, wait_for
 
 CAT = (
     *("python3", "-S", "-c"),
@@ -134,7 +133,7 @@ class Terminal:
             os.execve(sys.executable, [sys.executable, "-m", "rorg", *words], {**environment(robot), **more})
 
     def read(self) -> bool:
-        if select.select([self.fd], [], [], 0)[0]:
+        if readable(self.fd):
             try:
                 self.seen += os.read(self.fd, 65536)
             except OSError:  # the other side is closed
