@@ -10,7 +10,7 @@ import resource
 import shutil
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import psutil
@@ -49,6 +49,8 @@ class Dockerd:
     podman = False
     survives = False
     """Containers go on while the engine is away."""
+    options: Sequence[str] = ()
+    """More words of its command line."""
 
     @staticmethod
     def missing() -> str:
@@ -103,6 +105,7 @@ class Dockerd:
             f"hang={hang}",
             "--add-runtime",
             "nvidia=runc",
+            *self.options,
         ]
 
     def as_user(self) -> list[str]:
