@@ -48,23 +48,28 @@ class Publisher:
         self._next = decision, {**self.about(), **about_tree(tree, requests)}
 
     def due(self) -> float | None:
-        """When the kept state must be published; None if there is none."""
+        """When the kept state must be published; None if all that is known has been."""
         return self._due if self._next is not None else None
 
     def flush(self) -> None:
         """Write the kept state if it has changed."""
         if self._next is None:
             return
-        decision, about = self._next
-        began, self._next = self.clock(), None
+        began = self.clock()
+        try:
+            self._write(*self._next)
+        finally:
+            self._next, ended = None, self.clock()
+            self._due = ended + max(EVERY, (ended - began) / SHARE)
+
+    def _write(self, decision: Decision, about: dict[str, Any]) -> None:
         text = self.masker.json(self._snapshots.text(decision, about))
-        if text != self._published:
-            self._published = text
-            try:
-                write_atomic(self.state.status, text, durable=False)
-            except OSError as error:
-                # A full disk must not stop the robot; the next change is tried again.
-                self._published = ""
-                self.tell(f"cannot publish the status: {error}")
-        ended = self.clock()
-        self._due = ended + max(EVERY, (ended - began) / SHARE)
+        if text == self._published:
+            return
+        self._published = text
+        try:
+            write_atomic(self.state.status, text, durable=False)
+        except OSError as error:
+            # A full disk must not stop the robot; the next change is tried again.
+            self._published = ""
+            self.tell(f"cannot publish the status: {error}")
