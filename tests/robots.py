@@ -309,7 +309,8 @@ class RealRobot(VirtualRobot):
         if self.loop:
             self.stop()
         assert not [line for line in self.lines if "internal error" in line]
-        for container in self.engine.list():
+        # The newest first: Podman removes no container that another one has joined.
+        for container in sorted(self.engine.list(), key=lambda c: c.created_at, reverse=True):
             if container.alive:
                 self.engine.stop(container.id, "SIGKILL", 5.0)
             self.engine.remove(container.id)

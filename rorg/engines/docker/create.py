@@ -48,9 +48,9 @@ def _made_here(client: Client, body: Body) -> Any:
 
 
 def _without_init(body: Body) -> None:
-    """Podman refuses `init` for a container with the host's processes, of which none is PID 1. Docker starts one, which
-    does little there."""
-    if body["HostConfig"].get("PidMode") == "host":
+    """Podman refuses `init` for a container with the processes of the host or of another container, where it would not
+    be PID 1. Docker starts it, and it does little there."""
+    if body["HostConfig"].get("PidMode"):
         body["HostConfig"].pop("Init", None)
 
 
