@@ -65,9 +65,9 @@ evaluation: $(VENV)/test-installed
 	$(BIN)/python docs/evaluation/evaluate.py
 	$(BIN)/python docs/evaluation/prewarm.py
 
-# dist/rorg_VERSION_ARCHITECTURE.deb, for Debian bookworm.
+# dist/rorg_VERSION_ARCHITECTURE.deb, for Debian bookworm. ARCH=arm64 or amd64 for another machine than this one.
 deb: $(BIN)/rorg
-	$(BIN)/python images/rorg/deb/build.py
+	$(BIN)/python images/rorg/deb/build.py $(if $(ARCH),--architecture $(ARCH))
 
 site: $(VENV)/test-installed
 	$(BIN)/python docs/build_site.py $(VENV)/site

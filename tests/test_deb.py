@@ -31,6 +31,28 @@ def deb(tmp_path_factory) -> Path:
     return next(folder.glob("rorg_*.deb"))
 
 
+ELF = b"\x7fELF\x02\x01"
+"""How each shared object of a 64-bit machine begins."""
+MACHINE = slice(18, 20)
+AARCH64 = (183).to_bytes(2, "little")
+
+
+def test_a_package_for_arm64_holds_nothing_of_another_machine(tmp_path):
+    if sys.version_info[:2] != (3, 11) or not shutil.which("dpkg-deb"):
+        pytest.skip("the package is made with Python 3.11 and dpkg-deb")
+    command = [sys.executable, ROOT / "images/rorg/deb/build.py", tmp_path, "--architecture", "arm64"]
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    made = next(tmp_path.glob("rorg_*_arm64.deb"))
+    assert subprocess.check_output(["dpkg-deb", "--field", made, "Architecture"], text=True) == "arm64\n"
+    subprocess.run(["dpkg-deb", "--extract", made, tmp_path / "root"], check=True)
+    heads = {}
+    for path in (tmp_path / "root").rglob("*"):
+        if path.is_file() and not path.is_symlink() and (head := path.read_bytes()[:20]).startswith(ELF[:4]):
+            heads[path.name] = head
+    assert {name.partition(".")[0] for name in heads} >= {"_pydantic_core", "_re2", "loop", "_yaml"}, heads.keys()
+    assert not {name for name, head in heads.items() if not head.startswith(ELF) or head[MACHINE] != AARCH64}
+
+
 class Bookworm:
     """A Debian that debootstrap made: a folder, whose programs have no network and end with the one that began them."""
 

@@ -1,4 +1,5 @@
-"""Makes dist/rorg_VERSION_ARCHITECTURE.deb for Debian bookworm: `make deb`.
+"""Makes dist/rorg_VERSION_ARCHITECTURE.deb for Debian bookworm: `make deb`. The architecture is that of this machine,
+unless another one is named: `make deb ARCH=arm64`. No program of that architecture runs here.
 
 Everything of Python is in /usr/lib/rorg, a virtual environment of Debian's Python 3.11: the releases that
 images/rorg/constraints.txt pins by content, and the wheel of rorg. Nothing of the system is needed beyond Python, and
@@ -7,6 +8,7 @@ SOURCE_DATE_EPOCH."""
 
 from __future__ import annotations
 
+import argparse
 import compileall
 import gzip
 import os
@@ -18,6 +20,10 @@ import tempfile
 from importlib.metadata import Distribution, distributions
 from pathlib import Path
 from py_compile import PycInvalidationMode
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from wheels import MACHINES, selection
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[2]
@@ -98,10 +104,11 @@ def wheel(folder: Path, pins: Path) -> None:
     pip("wheel", *options, folder / "source", PYTHONPATH=str(folder / "tools"))
 
 
-def environment(root: Path, folder: Path) -> None:
+def environment(root: Path, folder: Path, architecture: str) -> None:
     """/usr/lib/rorg: what venv would make, without its tools."""
     site, pins = root / SITE, pinned(folder)
-    pip("install", "--require-hashes", "--only-binary", ":all:", "--no-compile", "--target", site, "-r", pins[0])
+    chosen = selection(architecture, 11)
+    pip("install", "--require-hashes", *chosen, "--no-compile", "--target", site, "-r", pins[0])
     wheel(folder, pins[1])
     # By its name: of a path pip would write down where that was.
     pip("install", "--no-deps", "--no-index", "--find-links", folder, "--no-compile", "--target", site, "rorg")
@@ -117,9 +124,10 @@ def write(path: Path, text: str | bytes, mode: int = 0o644) -> None:
     path.chmod(mode)
 
 
-def output(site: Path, *words: str | Path) -> str:
-    """What Python prints, with the packages of this folder."""
-    found = {**os.environ, "PYTHONPATH": str(site), "PYTHONDONTWRITEBYTECODE": "1"}
+def output(*words: str | Path) -> str:
+    """What Python prints, with these sources and the packages of this machine: the new ones may be for another."""
+    sources = os.pathsep.join(str(ROOT / name) for name in (".", "clients/python"))
+    found = {**os.environ, "PYTHONPATH": sources, "PYTHONDONTWRITEBYTECODE": "1"}
     return subprocess.check_output([sys.executable, *words], env=found, text=True)
 
 
@@ -130,10 +138,10 @@ def system_files(root: Path) -> None:
     for source, place in FILES.items():
         write(root / place, (ROOT / source).read_bytes())
     for shell, place in COMPLETIONS.items():
-        script = output(site, "-m", "rorg", "completion", shell)
+        script = output("-m", "rorg", "completion", shell)
         # zsh calls this file the first time that rorg is completed: it has to answer too, not only to define.
         write(root / place, script + ('$_comps[rorg] "$@"\n' if shell == "zsh" else ""))
-    page = output(site, ROOT / "docs/reference/man.py")
+    page = output(ROOT / "docs/reference/man.py")
     write(root / "usr/share/man/man1/rorg.1.gz", gzip.compress(page.encode(), mtime=0))
     write(doc / "changelog.gz", gzip.compress((ROOT / "CHANGELOG.md").read_bytes(), mtime=0))
     others = (d for d in distributions(path=[str(site)]) if d.name != "rorg")
@@ -165,10 +173,9 @@ def last_commit() -> int:
     return int(done.stdout) if done.returncode == 0 and done.stdout.strip() else 315532800
 
 
-def control(root: Path) -> str:
+def control(root: Path, architecture: str) -> str:
     """Writes the folder DEBIAN; returns the name of the file to be."""
     about = next(d for d in distributions(path=[str(root / SITE)]) if d.name == "rorg").metadata
-    architecture = subprocess.check_output(["dpkg", "--print-architecture"], text=True).strip()
     bytes_ = sum(p.lstat().st_size for p in root.rglob("*"))
     text = CONTROL.format(
         version=about["Version"],
@@ -181,21 +188,33 @@ def control(root: Path) -> str:
     return f"rorg_{about['Version']}_{architecture}.deb"
 
 
+def arguments() -> argparse.Namespace:
+    """Where the package goes, and for which machines it is."""
+    here = subprocess.check_output(["dpkg", "--print-architecture"], text=True).strip()
+    parser = argparse.ArgumentParser(description="Make rorg's package for Debian bookworm.")
+    parser.add_argument("folder", nargs="?", type=Path, default=ROOT / "dist")
+    parser.add_argument("--architecture", choices=MACHINES, default=here)
+    found = parser.parse_args()
+    if found.architecture not in MACHINES:
+        parser.error(f"there are no wheels for {here}; try `make deb ARCH=arm64`")
+    return found
+
+
 def main() -> None:
     if sys.version_info[:2] != (3, 11) or not shutil.which("dpkg-deb"):
         sys.exit("cannot make the package: it takes dpkg-deb and Python 3.11; try `make deb PYTHON=python3.11`")
     os.umask(0o022)
-    target = Path(sys.argv[1] if len(sys.argv) > 1 else ROOT / "dist")
+    chosen = arguments()
     epoch = int(os.environ.get("SOURCE_DATE_EPOCH") or last_commit())
     with tempfile.TemporaryDirectory(prefix="rorg-deb-") as temporary:
         folder = Path(temporary)
         root = folder / "root"
         root.mkdir()
-        environment(root, folder)
+        environment(root, folder, chosen.architecture)
         compile_all(root, epoch)
         system_files(root)
-        made = target / control(root)
-        target.mkdir(parents=True, exist_ok=True)
+        made = chosen.folder / control(root, chosen.architecture)
+        chosen.folder.mkdir(parents=True, exist_ok=True)
         options = ("--root-owner-group", "-Zxz", "-z2")
         run("dpkg-deb", *options, "--build", root, made, SOURCE_DATE_EPOCH=str(epoch))
     print(made)
