@@ -5,8 +5,10 @@ from __future__ import annotations
 
 import ast
 import re
+import runpy
 import sys
 import tomllib
+import zipfile
 from collections.abc import Iterator
 from importlib.metadata import distributions, packages_distributions
 from pathlib import Path
@@ -97,3 +99,17 @@ def test_what_pinned_packages_need_is_pinned():
                 needed = canonicalize_name(requirement.name)
                 assert needed in pins, f"{name} needs {requirement}; try `make constraints`"
                 assert requirement.specifier.contains(pins[needed][0]), f"{name} needs {requirement}"
+
+
+@pytest.mark.parametrize(("minor", "missing"), [(11, ""), (12, "thing==1.0")])
+def test_a_release_without_a_wheel_for_arm64_is_named(minor, missing, tmp_path, monkeypatch):
+    """pip itself asks, in a folder in place of the package index."""
+    with zipfile.ZipFile(tmp_path / "thing-1.0-cp311-cp311-manylinux_2_17_aarch64.whl", "w") as wheel:
+        wheel.writestr("thing-1.0.dist-info/METADATA", "Metadata-Version: 2.1\nName: thing\nVersion: 1.0\n")
+        wheel.writestr("thing-1.0.dist-info/WHEEL", "Wheel-Version: 1.0\n")
+        wheel.writestr("thing-1.0.dist-info/RECORD", "")
+    monkeypatch.setenv("PIP_NO_INDEX", "1")
+    monkeypatch.setenv("PIP_FIND_LINKS", str(tmp_path))
+    versions = runpy.run_path(str(ROOT / ".ci/versions"))
+    assert versions["missing_wheel"](sys.executable, minor, ["thing==1.0"]) == missing
+    assert {f"{name}=={version}" for name, (version, _) in pinned().items()} == set(versions["pinned"]())
