@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: site demo test engines properties fuzz soak lint types bench corpus schemas docs evaluation constraints deb clean
+.PHONY: site demo test engines properties fuzz soak lint types bench corpus schemas docs evaluation constraints deb arm clean
 
 # Debian keeps the venv of its Python in a package of its own; .ci/venv sees to that.
 $(BIN)/rorg: pyproject.toml
@@ -68,6 +68,11 @@ evaluation: $(VENV)/test-installed
 # dist/rorg_VERSION_ARCHITECTURE.deb, for Debian bookworm. ARCH=arm64 or amd64 for another machine than this one.
 deb: $(BIN)/rorg
 	$(BIN)/python images/rorg/deb/build.py $(if $(ARCH),--architecture $(ARCH))
+
+# The core's tests, and the package, on a Debian for arm64 that qemu emulates: a quarter of an hour, more the first time.
+# As root. ARGS=tests/test_planner_cases.py for some tests only.
+arm: $(VENV)/test-installed
+	$(BIN)/python .ci/arm $(ARGS)
 
 site: $(VENV)/test-installed
 	$(BIN)/python docs/build_site.py $(VENV)/site
