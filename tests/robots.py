@@ -189,7 +189,7 @@ class RealRobot(VirtualRobot):
         """Starts a loop, as `rorg run` does."""
         self.state.acquire("rorg run")
         self.loop = make_loop(self.tree, self.state, self.engine, self.lines.append)
-        self.loop.shm.folder = self.shm
+        self.loop.ros.shm.folder = self.shm
         if self.look:
             self.loop.sampler.meter = Meter(self.loop.clock, self.look)
         if self.with_server:

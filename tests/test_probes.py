@@ -468,20 +468,18 @@ def test_300_probed_services_do_not_load_the_machine():
 @pytest.mark.parametrize("role", ["ready", ROLE])
 def test_no_master_is_asked_for_a_program_of_ros_2(role, tmp_path, process_engine):
     """Whoever answers where ROS 1 looks for its master may be another robot's, and it is not even connected to."""
-    services = {"talker": {"profile": "ros2", "ready": {"ros_node": "/talker"}, "ros": {"parameters": {"/mine": 1}}}}
+    services = {"talker": {"profile": "ros2", "ready": {"ros_node": "/talker"}, "ros": {"parameters": {"/a/b": 1}}}}
     loaded = load(write_tree(tmp_path / "tree", services))
-    assert loaded.catalog is None
-    assert {d.code for d in loaded.diagnostics if d.severity == "error"} == {"ros1-probe-of-ros2"}
-    talker = loaded.read.services["talker"]
-    assert talker.ros is not None
-    assert not talker.ros.master
-    probe = talker.ready if role == "ready" else Probe("ros_parameters", "digest", master=talker.ros.master)
-    answer = ProbeRunner(process_engine, lambda _: None)(
-        ("talker", role), Target(probe, "run", 1.0, values={"/mine": 1})
-    )
+    assert "ros2-graph-unreported" in {d.code for d in loaded.diagnostics}
+    talker = loaded.catalog.services["talker"]
+    assert talker.ready.graph == talker.ros.graph == "domain 0"
+    probe = talker.ready if role == "ready" else Probe("ros_parameters", "digest", graph=talker.ros.graph)
+    container = Container("1", "talker", "talker", "running")
+    target = Target(probe, container.incarnation, 1.0, values=talker.ros.values)
+    answer = ProbeRunner(process_engine, lambda _: container)(("talker", role), target)
     assert not answer.ok
     assert not answer.asked
-    assert "no ROS 1 master" in answer.message
+    assert "only a running rorg" in answer.message
 
 
 @pytest.mark.parametrize("kind", ["ros_node", "ros_topic", "ros_service"])

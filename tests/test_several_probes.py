@@ -40,7 +40,7 @@ def test_each_part_has_its_own_form_and_interval(tmp_path):
     ready = of(tmp_path, ready={"all": PARTS, "timeout": "20s", "failures": 2}).ready
     assert [(p.kind, p.interval) for p in ready.parts] == [("ros_node", 2.0), ("tcp", 0.25), ("exec", 1.0)]
     assert {(p.timeout, p.failures) for p in (ready, *ready.parts)} == {(20.0, 2)}
-    assert (ready.interval, ready.parts[0].master) == (0.25, "http://localhost:11311")
+    assert (ready.interval, ready.parts[0].graph) == (0.25, "http://localhost:11311")
     assert str(ready) == "ros_node /planner and tcp 127.0.0.1:9090 and exec true"
 
 

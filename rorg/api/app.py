@@ -31,6 +31,7 @@ from rorg.api.operations import Operations
 from rorg.api.problems import answer, problem
 from rorg.api.read_routes import add_reading
 from rorg.api.request_routes import add_requesting
+from rorg.api.ros2_routes import add_ros2
 from rorg.errors import RorgError
 
 RESPONSES: dict[int | str, dict[str, Any]] = {
@@ -71,6 +72,7 @@ def make_app(operations: Operations) -> FastAPI:
     add_diffing(app, operations)
     add_history(app, operations)
     add_metrics(app, operations)
+    add_ros2(app, operations)
     return app
 
 

@@ -39,7 +39,7 @@ class Operations:
     def __init__(self, loop: Loop) -> None:
         self._loop = loop
         self.recorder, self.tree, self.engine, self.state = loop.recorder, loop.tree, loop.engine, loop.state
-        self.journal, self.requests_file = loop.recorder.journal, loop.leases.file
+        self.journal, self.requests_file, self.ros2 = loop.recorder.journal, loop.leases.file, loop.ros.ros2.exchange
         self.next_pass: Callable[[], asyncio.Event] = asyncio.Event
         """An event that is set after the next pass of the loop; the server provides it."""
         self.committer = Committer(RequestsFile(loop.leases.file.path), self.changed)

@@ -27,6 +27,7 @@ _TABLE = {
     "plan": (PEOPLE, "see status and plan"),
     "logs": (PEOPLE, "read logs"),
     "events": (BOTH, "see events"),
+    "report": (BOTH, "report the graph of ROS 2"),
     "history": (PEOPLE, "see the history"),
     **{operation.name: (PEOPLE, operation.words) for operation in changes.OPERATIONS.values()},
 }
@@ -171,6 +172,15 @@ def allow_request(
             f"{caller.service} asks with priority {priority}, and its own is {declared.priority}",
             f"{declared.priority}, or `priority: {priority}` in its manifest",
         )
+
+
+def allow_report(caller: Caller, catalog: Catalog) -> None:
+    """Raises Forbidden unless the service's manifest says that it may report the graph of ROS 2."""
+    allow(caller, "report")
+    declared = catalog.services.get(caller.service)
+    if caller.kind == "service" and not (declared and declared.may_report_graph):
+        why = f"the manifest of {caller.service} does not say so"
+        raise Forbidden("report the graph of ROS 2", why, "`may_report_graph: true` in its manifest")
 
 
 def allow_restart(caller: Caller, name: str, catalog: Catalog) -> None:

@@ -132,11 +132,11 @@ _OURS = frozenset(
         "Service Services accepted access actions already always_on annotations anything apiVersion cannot cap_add "
         "capabilities change command conflicts container developer developers devices driver env_file environment "
         "events except exclusive generation healthcheck history incarnation interlock itself labels limits manage "
-        "manages manifest manifests may_act_for may_manage may_request may_restart member metadata method mounts needs "
-        "network_mode networks nobody nothing number operation people permission pids_limit plan priority privileged "
-        "profile profiles protected reason release released request requested requester requesting requests resources "
-        "restart retry rorg running security_opt service services should string suspend tmpfs unknown valid value "
-        "variable volumes"
+        "manages manifest manifests may_act_for may_manage may_report_graph may_request may_restart member metadata "
+        "method mounts needs network_mode networks nobody nothing number operation people permission pids_limit plan "
+        "priority privileged profile profiles protected reason release released request requested requester "
+        "requesting requests resources restart retry rorg running security_opt service services should string suspend "
+        "tmpfs unknown valid value variable volumes"
     )
 )
 """Words of errors and manifests, which a call may contain and an error may show."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from rorg.core.idle import risks
 from rorg.core.memory import STALLED_AFTER, Progress
 from rorg.core.rollout import candidate, has_come_up
-from rorg.core.ros_graph import master_of
+from rorg.core.ros_graph import graph_of
 from rorg.core.situation import Situation
 from rorg.core.wanted import Link
 from rorg.model.catalog import Service
@@ -75,7 +75,7 @@ def _ros_conditions(situation: Situation, service: Service) -> tuple[Condition, 
         if pause_risks
         else []
     )
-    graph = situation.ros.get(master_of(service)) if situation.ros else None
+    graph = situation.ros.get(graph_of(service)) if situation.ros else None
     taken = [t for t in graph.takeovers if service.name in (t.former, t.service)] if graph else []
     shared = [Condition("NodesUnique", "False", "TakenOver", "; ".join(map(str, taken)))] if taken else []
     return (*pausable, *shared)

@@ -4,7 +4,7 @@ otherwise be computed again in every pass."""
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from graphlib import TopologicalSorter
 from typing import Any
 
@@ -95,7 +95,7 @@ def desire(
         drivers=tuple(sorted(name for name, s in services.items() if s.devices)),
         devices=tuple(sorted({d for s in services.values() for d in s.devices}, key=lambda d: d.text)),
         contents=contents,
-        ros={name: digest(asdict(s.ros)) for name, s in services.items() if s.ros},
+        ros={n: digest({"master": s.ros.graph, "values": s.ros.values}) for n, s in services.items() if s.ros},
     )
 
 
@@ -132,9 +132,18 @@ def _probes(service: Service) -> dict[str, Any]:
 
 
 def _probe_fields(probe: Probe) -> dict[str, Any]:
-    """Return the fields of a probe for an edition. `parts` is left out if empty, so that services proven before probes
-    had parts need not be proven again."""
-    return {name: value for name, value in asdict(probe).items() if name != "parts" or value}
+    """Return the fields of a probe for an edition, in the form of earlier versions of rorg, so that services proven
+    then need not be proven again: `graph` is called `master`, and `parts` is left out if empty."""
+    named = {"master" if name == "graph" else name: value for name, value in _shallow(probe).items()}
+    return {**named, "parts": [_all_fields(part) for part in probe.parts]} if probe.parts else named
+
+
+def _all_fields(part: Probe) -> dict[str, Any]:
+    return {**_probe_fields(part), "parts": ()}
+
+
+def _shallow(probe: Probe) -> dict[str, Any]:
+    return {f.name: getattr(probe, f.name) for f in fields(probe) if f.name != "parts"}
 
 
 def _from_images(catalog: Catalog, images: Mapping[str, str]) -> Catalog:

@@ -12,13 +12,14 @@ from functools import cached_property
 from rorg.core.admission import PROTECTED, Admission
 from rorg.core.inputs import Inputs
 from rorg.core.memory import Memory
+from rorg.core.observed import ASLEEP
 from rorg.core.pressure import NONE, PATIENCE, Chances, Victim, advance, excess, helps, without
 from rorg.core.situation import Measures
 from rorg.core.wanted import wanted
 from rorg.model.catalog import Catalog
 from rorg.model.load import Load
 
-ALIVE = ("running", "restarting", "paused")
+ALIVE = frozenset(("running", "restarting", *ASLEEP))
 
 
 def evict(memory: Memory, victims: Victims, back: Mapping[str, int], suspended: bool) -> tuple[Memory, Measures]:
@@ -77,8 +78,8 @@ def _useful(victims: Victims, lower: Collection[str]) -> frozenset[str]:
 
     useful = {
         "lower-shares": helped([n for n in lower if states.get(n) == "running"], ()),
-        "end-lingering": helped(lingering, [n for n in lingering if services[n].idle.action != "pause"]),
-        "stop-paused": helped((), [n for n in idle if states[n] == "paused"]),
+        "end-lingering": helped(lingering, [n for n in lingering if not services[n].idle.keeps_run]),
+        "stop-paused": helped((), [n for n in idle if states[n] in ASLEEP]),
         "close-admission": limits is not None and any(r < limits.admit for r in admission.priorities.values()),
     }
     return frozenset(name for name, is_useful in useful.items() if is_useful)
@@ -138,7 +139,7 @@ class Victims:
             for n, priority in self.admission.priorities.items()
             if priority < PROTECTED
             and not services[n].meta
-            and self.states.get(n) in ("running", "paused")
+            and self.states.get(n) in ("running", *ASLEEP)
             and n not in askers
             and n not in needed
             and n not in self.locked

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 from rorg.core.memory import Attempt
 from rorg.core.observed import Container
-from rorg.core.operations import Pause
-from rorg.core.ros_graph import Connection, RosGraph, connections, master_of
+from rorg.core.operations import Deactivate, Operation, Pause
+from rorg.core.ros_graph import Connection, RosGraph, connections, graph_of
 from rorg.core.situation import Situation, View
 from rorg.core.steps import Step, away, stop
 from rorg.core.wanted import wanted_without
@@ -48,7 +48,7 @@ class InUse:
 def in_use(situation: Situation, service: Service) -> InUse | None:
     """Return the connections that an unwanted service has with nodes of wanted services, or with nodes that belong to
     no known service; None if there are none."""
-    graph = situation.ros.get(master_of(service))
+    graph = situation.ros.get(graph_of(service))
     if graph is None or not graph.of(service.name):
         return InUse(())
     live_connections = tuple(
@@ -70,7 +70,7 @@ def risks(situation: Situation, service: Service) -> tuple[Risk, ...]:
     """Return the risks of a service that is paused when idle, as far as its master knows; worst first."""
     if not (situation.ros and situation.engine.pause) or service.idle.action != "pause" or service.always_on:
         return ()
-    graph = situation.ros.get(master_of(service))
+    graph = situation.ros.get(graph_of(service))
     if graph is None:
         return ()
     own, unaware = graph.of(service.name), service.idle.connected == "pause"
@@ -122,9 +122,12 @@ def _some(names: Iterable[str]) -> str:
     return ", ".join(listed[:MOST]) + "".join(f" and {m}" for m in more)
 
 
-PAUSES = 2
-"""Failed attempts to pause after which a service is stopped instead: pausing can fail under load ("unable to
-freeze")."""
+ATTEMPTS = 2
+"""Failed attempts to pause or deactivate after which a service is stopped instead: pausing can fail under load ("unable
+to freeze"), and a transition can fail or hang."""
+UNREPORTED = 10.0
+"""Seconds without a report of the ROS 2 graph after which a service is stopped instead of deactivated. A reporter that
+was restarted, or that finds a restarted rorg, is back sooner."""
 Ceasing = tuple[list[Step], float | None]
 """Steps, and the time at which the next step is due although nothing waits for it."""
 
@@ -134,11 +137,15 @@ def cease(view: View, service: Service, container: Container) -> Ceasing:
     situation, idle = view.s, service.idle
     why, since = situation.preempted.get(service.name, "not wanted"), situation.memory.of(service.name).ceased_since
     frees = service.name in situation.measures.shed or (container.alive and view.exclusive.contested(service))
-    if container.active and idle.action == "pause" and not frees:
-        return [_pause(view, service, container, why)], None
+    if container.active and idle.keeps_run and not frees:
+        return (
+            ([_pause(view, service, container, why)], None)
+            if idle.action == "pause"
+            else _deactivate(view, service, container, why)
+        )
     if container.alive and (idle.action == "stop" or frees):
         return [stop(container, why, service)], None
-    if container.state == "paused" and (why := _why_stop_paused(view, service)):
+    if container.asleep and (why := _why_stop_asleep(view, service, container)):
         return [stop(container, why, service)], None
     if idle.escalate and since is not None:
         return _escalate(view, service, container, since, *idle.escalate)
@@ -149,20 +156,42 @@ def _pause(view: View, service: Service, container: Container, why: str) -> Step
     """Pause, or stop if the engine cannot pause or the pause would affect others: no idle service runs for ever."""
     if not view.s.engine.pause:
         return stop(container, f"{why}; stop instead of pause: the engine cannot pause", service)
-    tried = view.s.memory.of(service.name).attempt(Pause) or Attempt()
-    if tried.error and (tried.unsupported or tried.count >= PAUSES):
-        return stop(container, f"{why}; stop instead of pause: {tried.error}", service)
+    if failed := _failed(view, service, Pause):
+        return stop(container, f"{why}; stop instead of pause: {failed}", service)
     use = in_use(view.s, service) if service.idle.connected == "stop" else None
     if use is None:
         return Step(Pause(container=container.id), why)
     return stop(container, f"{why}; stop instead of pause: {use}", service)
 
 
-def _why_stop_paused(view: View, service: Service) -> str:
-    """Return why a paused service must be stopped; "" if it stays paused."""
+def _deactivate(view: View, service: Service, container: Container, why: str) -> Ceasing:
+    """Deactivate the managed nodes, or stop the service if a transition fails or hangs, or if for a while nothing
+    reports the graph: then nobody can deactivate them."""
+    failed, graph = _failed(view, service, Deactivate), graph_of(service)
+    if service.domain is None or not service.managed:
+        return [stop(container, why, service)], None
+    if graph not in view.s.ros:
+        until = (view.s.memory.of(service.name).unwanted_since or 0.0) + service.idle.linger + UNREPORTED
+        if view.now < until:
+            return [], until
+        failed = failed or f"nothing reports the graph of {graph}"
+    if failed:
+        return [stop(container, f"{why}; stop instead of deactivate: {failed}", service)], None
+    return [Step(Deactivate(container=container.id, nodes=service.managed[::-1], domain=service.domain), why)], None
+
+
+def _failed(view: View, service: Service, kind: type[Operation]) -> str:
+    """Return why this kind of operation is not tried again; "" if it may succeed."""
+    tried = view.s.memory.of(service.name).attempt(kind) or Attempt()
+    return tried.error if tried.unsupported or tried.count >= ATTEMPTS else ""
+
+
+def _why_stop_asleep(view: View, service: Service, container: Container) -> str:
+    """Return why a paused or inactive service must be stopped; "" if it stays as it is."""
     if view.s.measures.stop_paused:
         return "the machine is short of memory"
-    use = in_use(view.s, service) if service.idle.connected == "stop" else None
+    mindful = container.state == "paused" and service.idle.connected == "stop"
+    use = in_use(view.s, service) if mindful else None
     # Unknown connections may be the same as when it was paused: leave it paused.
     return f"stop instead of pause: {use}" if use and use.connections else ""
 
@@ -171,9 +200,13 @@ def _escalate(view: View, service: Service, container: Container, since: float, 
     """Take the second, harder step for a service that stays unwanted."""
     if action == "stop" and not container.alive:
         return [], None
+    if action == "pause" and container.state != "inactive":
+        return [], None
     if since + after > view.now:
-        return [], since + after if container.state == "paused" or action == "remove" else None
+        return [], since + after if container.asleep or action == "remove" else None
     why = f"not wanted for {format_seconds(view.now - since)}"
+    if action == "pause":
+        return [_pause(view, service, container, why)], None
     if action == "remove":
         return away(container, why, service, volumes=True), None
     return [stop(container, why, service)], None

@@ -22,8 +22,8 @@ KEPT = 256
 """Number of secrets of earlier trees that are still masked: old containers and records may quote them."""
 _WORD = re.compile(
     r"created|running|restarting|removing|paused|exited|Healthy|Progressing|Degraded|Completed|Unknown|Synced|"
-    r"OutOfSync|create|update|rename|signal|resume|remove|replace|restart|failed|withheld|preempted|suspended|"
-    r"skipped|present|imported|pulled|docker|process|developer|Requested|Reconciling|Stalled|Updated|warning|"
+    r"OutOfSync|create|update|rename|signal|resume|activate|deactivate|inactive|remove|replace|restart|failed|withheld|"
+    r"preempted|suspended|skipped|present|imported|pulled|docker|process|developer|Requested|Reconciling|Stalled|Updated|warning|"
     r"always|on-failure"
 )
 """Words that programs read in rorg's answers. Masking them would break clients, so they are shown even if a secret has

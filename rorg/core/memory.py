@@ -157,6 +157,8 @@ class Progress:
     """For which runs and values its ROS parameters were last set (see ros_parameters.py)."""
     not_set: str = ""
     """Why the last attempt to set them failed."""
+    begun_with: tuple[str, str] = ("", "")
+    """(incarnation, digest of the ROS 2 parameters that it read when it started)."""
     update: Update = Update()
 
     def with_stopped(self, run: str) -> Progress:

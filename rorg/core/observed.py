@@ -51,6 +51,10 @@ def from_labels(labels: Mapping[str, str]) -> Labelled:
     }
 
 
+ASLEEP = frozenset({"inactive", "paused"})
+"""States of a container whose run goes on although nothing can rely on it."""
+
+
 @dataclass(frozen=True, slots=True)
 class Container:
     """One container with rorg's owner label."""
@@ -59,7 +63,8 @@ class Container:
     name: str
     service: str
     state: str
-    """created, running, paused, exited, restarting, removing or dead, as in Docker."""
+    """created, running, paused, exited, restarting, removing or dead, as in Docker; inactive if it runs and one of its
+    managed nodes is not active (ROS 2)."""
     started_at: str = ""
     """When it last started, by the engine's clock, ISO 8601 in UTC; "" if it never did."""
     exit_code: int | None = None
@@ -105,8 +110,13 @@ class Container:
 
     @property
     def alive(self) -> bool:
-        """Whether its run goes on: running or paused."""
-        return self.state in ("running", "restarting", "paused")
+        """Whether its run goes on."""
+        return self.active or self.asleep
+
+    @property
+    def asleep(self) -> bool:
+        """Whether its run goes on, but nothing can rely on it: it is paused, or a managed node is not active."""
+        return self.state in ASLEEP
 
 
 @dataclass(frozen=True, slots=True)

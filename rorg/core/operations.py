@@ -37,6 +37,8 @@ class Operation:
     """States of the container in which the engine accepts it."""
     leaves: ClassVar[str] = ""
     """The container's state afterwards; "" if only another look can tell."""
+    of_nodes: ClassVar[bool] = False
+    """It changes managed nodes of ROS 2; the engine sees the container run all the while."""
     begins: ClassVar[bool] = False
     """The service becomes active."""
     idles: ClassVar[bool] = False
@@ -56,6 +58,11 @@ class Operation:
     def details(self) -> tuple[str, ...]:
         """Return what the call does besides its name, for the text of a plan. Never values of the environment."""
         return ()
+
+    @property
+    def engine_leaves(self) -> str:
+        """The state afterwards in the engine's eyes."""
+        return "running" if self.of_nodes else self.leaves
 
     @property
     def attempted(self) -> str:
@@ -126,8 +133,42 @@ class Pause(Operation):
     """Freeze a run. It keeps its memory and connections and uses no CPU, and resumes within milliseconds."""
 
     verb, symbol = "pause", '"'
-    states, leaves = frozenset({"running", "restarting"}), "paused"
+    states, leaves = frozenset({"running", "restarting", "inactive"}), "paused"
     idles = ends = True
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Activate(Operation):
+    """Bring the managed nodes of ROS 2 in a running container to the state `active`, one after another, with the
+    transitions that it takes: `configure`, then `activate`."""
+
+    verb, symbol = "activate", "="
+    states, leaves = frozenset({"inactive"}), "running"
+    of_nodes = begins = brings_up = True
+
+    nodes: tuple[str, ...]
+    """In order of activation."""
+    domain: int
+
+    def details(self) -> tuple[str, ...]:
+        return (", ".join(self.nodes),)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Deactivate(Operation):
+    """Bring managed nodes of ROS 2 to the state `inactive`. Their processes, connections and places in the graph stay,
+    so no peer blocks."""
+
+    verb, symbol = "deactivate", '"'
+    states, leaves = frozenset({"running"}), "inactive"
+    of_nodes = idles = ends = True
+
+    nodes: tuple[str, ...]
+    """In order of deactivation."""
+    domain: int
+
+    def details(self) -> tuple[str, ...]:
+        return (", ".join(self.nodes),)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -135,7 +176,7 @@ class Stop(Operation):
     """End a run: send `signal`, after `grace` seconds SIGTERM, then SIGKILL."""
 
     verb, symbol = "stop", "#"
-    states = frozenset({"running", "restarting", "paused"})
+    states = frozenset({"running", "restarting", "inactive", "paused"})
     idles = ends = True
 
     signal: str
@@ -245,5 +286,7 @@ class RemoveObject(ObjectOperation):
     verb, symbol = "remove", "-"
 
 
-OPERATIONS: tuple[type[Operation], ...] = (Create, Update, Rename, Signal, Start, Resume, Pause, Stop, Remove)
+OPERATIONS: tuple[type[Operation], ...] = (
+    *(Create, Update, Rename, Signal, Start, Resume, Activate, Deactivate, Pause, Stop, Remove),
+)
 """Operations on containers, in the order in which a summary counts them."""

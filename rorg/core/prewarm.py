@@ -144,8 +144,8 @@ class _Room:
         if service.meta or progress.ready:
             return 0.0
         took = self.learning.learned.took.get(name, {})
-        paused = current is not None and current.state == "paused"
-        own = took.get("resume", RESUME) if paused else took.get("start", START)
+        asleep = current is not None and current.asleep
+        own = took.get("resume", RESUME) if asleep else took.get("start", START)
         return own + max((self.lead(n) for n in service.needs if n in self.services), default=0.0)
 
     def filled(
@@ -188,7 +188,7 @@ class _Room:
             return False
         if len(containers) != 1 or containers[0].digest != self.desired.digests.get(name):
             return False
-        if containers[0].state not in ("created", "exited", "paused", "running"):
+        if containers[0].state not in ("created", "exited", "inactive", "paused", "running"):
             return False
         if (
             progress.exits

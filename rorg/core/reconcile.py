@@ -12,10 +12,10 @@ from rorg.core.digest import Rules, labels
 from rorg.core.idle import cease
 from rorg.core.joining import can_return, is_made_ahead, missing, moved, with_ids
 from rorg.core.observed import Container
-from rorg.core.operations import Create, Remove, Rename, Resume, Start
+from rorg.core.operations import Create, Remove, Rename, Start
 from rorg.core.plan import Part, Waiting
 from rorg.core.situation import View
-from rorg.core.steps import Chain, Step, adjust, away, cannot_go_on, passing_name, restarting, stop, stops
+from rorg.core.steps import Chain, Step, adjust, awaken, away, cannot_go_on, passing_name, restarting, stop, stops
 from rorg.core.swap import Swap
 from rorg.model.catalog import Service, Spec
 from rorg.model.codes import DEVICE
@@ -269,8 +269,8 @@ class _Reconciled:
         )
         if container is None or stops(container, steps):
             return [Step(start, why)]
-        if container.state == "paused":
-            return [Step(Resume(container=container.id), why)]
+        if container.asleep:
+            return awaken(self.service, container, why)
         if container.active:
             return self.without_device(container)
         if container.state == "dead":

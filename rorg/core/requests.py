@@ -90,8 +90,8 @@ def settle(
 ) -> Settled:
     """Drop requests of ended runs and expired leases, and bind requests that name no run.
 
-    Requests of a paused requester stay, and their leases do not run out, because it cannot renew them. While the
-    observation is incomplete nothing is dropped.
+    Requests of a paused or inactive requester stay, and their leases do not run out, because it cannot renew them.
+    While the observation is incomplete nothing is dropped.
 
     A lease begins when the loop first sees it or its renewal. So a restart of rorg gives every lease its full time
     again, and renewals (numbered in `renewals`) need not be written to disk.
@@ -109,7 +109,7 @@ def settle(
         else:
             stamp = f"{request.renewed}/{(renewals or {}).get(request.key, 0)}/{request.ttl}/{request.incarnation}"
             lease = (leases or {}).get(request.key)
-            asleep = any(c.state == "paused" for c in observed.of(request.requester)[:1])
+            asleep = any(c.asleep for c in observed.of(request.requester)[:1])
             if lease is None or lease.stamp != stamp or asleep or not observed.complete:
                 lease = Lease(stamp, now + request.ttl)
             # Remember an expired lease too: if the drop cannot be written to disk, the request must stay expired.

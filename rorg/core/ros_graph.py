@@ -1,7 +1,7 @@
-"""The graph of a ROS 1 master as a value: which service runs which node, and which nodes are connected.
+"""A ROS graph as a value: which service runs which node, and which nodes are connected.
 
-The master knows publishers, subscribers and providers of services. It does not know who calls a service, or whether a
-topic is latched.
+A master of ROS 1 knows publishers, subscribers and providers of services. It does not know who calls a service, or
+whether a topic is latched. The graph of ROS 2 has callers too, and what its reporter says is in the same form.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from itertools import chain
 
 from rorg.model.catalog import Service
+from rorg.model.ros import graph_of_domain
 
 EVERYBODY = frozenset(("/rosout", "/rosout_agg"))
 """Topics that connect every node with rosout, so they say nothing about how nodes depend on each other."""
@@ -31,8 +32,8 @@ class Takeover:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RosGraph:
-    """The graph of one master. Nodes that are registered but dead are left out. Topics and services map to sorted names
-    of nodes."""
+    """The graph of one master, or of one domain of ROS 2. Nodes that are registered but dead are left out. Topics and
+    services map to sorted names of nodes."""
 
     nodes: Mapping[str, str] = field(default_factory=dict)
     """Node -> the service that runs it; "" if no service of this robot is known to."""
@@ -40,6 +41,8 @@ class RosGraph:
     subscribers: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     providers: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """ROS service -> nodes that provide it."""
+    callers: Mapping[str, tuple[str, ...]] | None = None
+    """ROS service -> nodes that call it; None if that is not known."""
     takeovers: tuple[Takeover, ...] = ()
 
     def of(self, service: str) -> frozenset[str]:
@@ -48,7 +51,7 @@ class RosGraph:
 
 
 Graphs = Mapping[str, RosGraph]
-"""URI of the master -> graph, for masters that answer."""
+"""Name of the graph -> graph, for masters that answer and domains that are reported."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,8 +72,10 @@ class Connection:
         return f"connected to {self.service or f'the node {self.other}'} by {self.topic}"
 
 
-def master_of(service: Service) -> str:
-    """Return the URI of the service's ROS 1 master; "" if it has none."""
+def graph_of(service: Service) -> str:
+    """Return the name of the ROS graph that the service declares; "" if it has none."""
+    if service.domain is not None:
+        return graph_of_domain(service.domain)
     return str((service.spec or {}).get("environment", {}).get("ROS_MASTER_URI") or "")
 
 

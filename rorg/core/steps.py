@@ -14,7 +14,7 @@ from rorg.core.digest import declared_of
 from rorg.core.joining import tried
 from rorg.core.memory import DEFAULT_GRACE, NO_ANSWER
 from rorg.core.observed import Container
-from rorg.core.operations import Operation, Remove, Rename, Signal, Start, Stop, Update
+from rorg.core.operations import Activate, Operation, Remove, Rename, Resume, Signal, Start, Stop, Update
 from rorg.core.plan import Part, Waiting
 from rorg.core.pressure import LOWERED_SHARES
 from rorg.core.situation import View
@@ -88,6 +88,15 @@ def _signal(container: Container, service: Service | None, spec: Mapping[str, An
     declared = spec.get("stop_signal")
     asked = service is not None and "stop_signal" not in service.defaults
     return str((declared if asked else None) or container.stop_signal or declared or "SIGTERM")
+
+
+def awaken(service: Service, container: Container, reason: str) -> list[Step]:
+    """Return the step by which a run goes on that is paused, or whose managed nodes are not active."""
+    if container.state == "paused":
+        return [Step(Resume(container=container.id), reason)]
+    if service.domain is None or not service.managed:
+        return []
+    return [Step(Activate(container=container.id, nodes=service.managed, domain=service.domain), reason)]
 
 
 DEFAULT_SHARES = 1024

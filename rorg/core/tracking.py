@@ -16,7 +16,7 @@ from rorg.core.desired import Desired
 from rorg.core.memory import Memory, ProbeResults, Progress
 from rorg.core.observed import Observed
 from rorg.core.rollout import judged, renewed
-from rorg.core.ros_parameters import ROLE, parameters_noted
+from rorg.core.ros_parameters import ROLE, begun_with, parameters_noted
 from rorg.core.transitions import Evidence, advanced
 from rorg.core.wanted import Wanted
 from rorg.model.catalog import Service
@@ -118,6 +118,8 @@ def _reviewed(progress: Progress, service: Service, desired: Desired, evidence: 
     if name in desired.contents and current is not None:
         update = progress.update.noting(current, desired.contents[name])
         progress = progress if update == progress.update else replace(progress, update=update)
+    if name in desired.ros:
+        progress = begun_with(progress, service, current, desired.ros[name])
     return judged(progress, service, desired, evidence)
 
 

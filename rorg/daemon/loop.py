@@ -18,9 +18,8 @@ from rorg.daemon.leases import Leases
 from rorg.daemon.publisher import Publisher
 from rorg.daemon.recorder import Recorder
 from rorg.daemon.reporter import Reporter
-from rorg.daemon.ros_watch import RosWatch
+from rorg.daemon.ros import Ros
 from rorg.daemon.running import Running
-from rorg.daemon.shared_memory import ShmPurger
 from rorg.daemon.teardown import Teardown, is_down
 from rorg.daemon.tree import Tree
 from rorg.daemon.wakes import Wakes
@@ -67,8 +66,7 @@ class Loop:
     prober: Prober
     sampler: Sampler
     running: Running
-    ros: RosWatch
-    shm: ShmPurger
+    ros: Ros
     workers: Workers
     leases: Leases
     recorder: Recorder
@@ -173,6 +171,7 @@ class Loop:
             if thread is not self.observer:
                 thread.stop()
         until = self.clock() + PATIENCE
+        self.ros.ros2.exchange.close()
         self.workers.stop(PATIENCE)
         self.prober.join(until - self.clock())
         self.observer.stop()
@@ -208,9 +207,7 @@ class Loop:
             time.sleep(HANDOVER)
         self.prober.watch(decision.to_probe)
         self.observer.look(decision.to_look)
-        if self.engine.local:  # a refused connection on this machine says nothing about a node on another machine
-            self.ros.look(decision.situation)
-            self.shm.look(decision.situation)
+        self.ros.look(decision.situation)
         self.learner.note(decision.memory.prediction.learned)
         if not document.down:  # a robot that is down says nothing about its manifests
             self.recorder.historian.note(decision, decision.memory, self.tree, self.epoch)
@@ -225,7 +222,7 @@ class Loop:
             desired=self.tree.desired,
             requests=document.requests,
             restarts=document.restarts,
-            observed=self.observer.snapshot(),
+            observed=self.ros.observed(self.observer.snapshot(), self.tree.desired.catalog),
             results=self.prober.results(),
             memory=self.running.memory,
             now=self.clock(),
@@ -244,7 +241,7 @@ class Loop:
             retries=document.retries,
             images=self.images.look(self.tree.desired, self.tree.images) if self.images else {},
             devices=self._devices(),
-            ros=self.ros.graphs,
+            ros=self.ros.graphs(self.tree.desired.catalog),
             purge=document.down and document.purge,
             learned=self.learner.learned,
             cache=self.decision.cache if self.decision else None,
@@ -273,6 +270,7 @@ class Loop:
             _, again = self.tree.read()
             if again:
                 self.wakes.again()
+            self.ros.parameters.write(self.tree.desired.catalog)
 
     def _take_outcomes(self) -> None:
         if outcomes := self.workers.take():

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from rorg.core.observed import Observed
-from rorg.core.ros_graph import Graphs, RosGraph, Takeover, master_of, takeovers
+from rorg.core.ros_graph import Graphs, RosGraph, Takeover, graph_of, takeovers
 from rorg.core.situation import Situation
 from rorg.core.status import ros_nodes
 from rorg.core.wanted import Wanted
@@ -226,7 +226,7 @@ def _runs(observed: Observed, wanted: Wanted, catalog: Catalog) -> dict[str, Run
     by_master: dict[str, dict[str, Run]] = {}
     for name, containers in observed.by_service().items():
         service, current = catalog.services.get(name), containers[0]
-        master = master_of(service) if service else ""
+        master = graph_of(service) if service and service.domain is None else ""
         if service and master and current.alive:
             by_master.setdefault(master, {})[name] = Run(
                 current.incarnation, current.pid, frozenset(ros_nodes(service))

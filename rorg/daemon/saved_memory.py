@@ -33,6 +33,7 @@ def saved_progress(step: Progress, epoch: float) -> dict[str, Any]:
         "relied_on": step.relied_on,
         "said": step.error,
         "tries": attempts,
+        "begun_with": [*step.begun_with] if all(step.begun_with) else [],
     }
     return {**run_json(step, NEVER), **times, **{key: value for key, value in more.items() if value}}
 
@@ -67,6 +68,7 @@ def _progress(known: Mapping[str, Any], now: float, epoch: float, booted_at: flo
         exited=said["exited"],
         hung=said["hung"],
         relied_on=said["relied_on"],
+        begun_with=_pair(known.get("begun_with")),
         unwanted_since=_past(known.get("unwanted_since"), now, epoch),
         ceased_since=_past(known.get("ceased_since"), now, epoch),
     )
@@ -85,6 +87,10 @@ def _stopped(known: Mapping[str, Any]) -> tuple[str, ...]:
 
 def _texts(known: Any) -> dict[str, str]:
     return {str(k): str(v) for k, v in known.items()} if isinstance(known, Mapping) else {}
+
+
+def _pair(known: Any) -> tuple[str, str]:
+    return (_text(known[0]), _text(known[1])) if isinstance(known, list) and len(known) == 2 else ("", "")
 
 
 def _past(at: Any, now: float, epoch: float) -> float | None:

@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from rorg.core.dispatch import DispatchLimits
 from rorg.daemon.generations import Generations
 from rorg.daemon.git_source import GitSource
 from rorg.daemon.image_manager import ImageManager
@@ -17,9 +16,8 @@ from rorg.daemon.loop import Loop, Thread
 from rorg.daemon.notifier import Notifier
 from rorg.daemon.publisher import Publisher
 from rorg.daemon.recorder import Recorder
-from rorg.daemon.ros_watch import RosWatch
+from rorg.daemon.ros import make_ros
 from rorg.daemon.running import Running
-from rorg.daemon.shared_memory import ShmPurger
 from rorg.daemon.tree import Tree
 from rorg.daemon.usage_recorder import UsageRecorder
 from rorg.daemon.wakes import Wakes
@@ -38,6 +36,7 @@ from rorg.images.records import NAME as RECORDS
 from rorg.images.references import references_for
 from rorg.images.supply import Supplier
 from rorg.probes.prober import Prober
+from rorg.probes.ros2_exchange import Ros2Exchange
 from rorg.probes.runner import ProbeRunner
 from rorg.store.state_dir import StateDir
 from rorg.store.wakeup import Wakeup
@@ -82,16 +81,17 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
     about, stopping = {"pid": os.getpid(), "engine_name": engine.name, "instance": owner}, threading.Event()
     observer = Observer(engine, wakes.wake_soon, lambda: tree.desired.catalog.policy.resync, clock, wakes.wake)
     running = Running(tree, engine, observer, recorder)
-    asker = ProbeRunner(engine, running.container_of, stopping, recorder.parameters_set)
+    exchange = Ros2Exchange(clock, wakes.wake)
+    asker = ProbeRunner(engine, running.container_of, stopping, recorder.parameters_set, exchange)
     prober = Prober(clock, wakes.wake, asker, stopping)
     sampler = Sampler(Meter(clock), running.sample_every, running.load_matters, running.use, wakes.wake)
-    ros, shm, devices = RosWatch(recorder.purged, wakes.wake), ShmPurger(recorder.shm_purged), DeviceWatch(wakes.wake)
+    ros, devices = make_ros(state, recorder, exchange, wakes.wake, engine.local), DeviceWatch(wakes.wake)
     usage = UsageRecorder(UsageTable(recorder.history), running.running, engine.usage, clock, wall_clock)
     watcher = Watcher(lambda: [*tree.folders(), state.path], wakes.files_changed, _own_files(state))
     images = _image_manager(engine, owner, state, recorder, wakes)
     maintenance = Maintenance(recorder.history, recorder.event, lambda: _retention(tree), time.time)
-    notifier = _notifier(tree, recorder, wakes, notifies)
-    bringers, notified = _bringers(tree.source, images), Wakeup(state.path, wakes.requests_changed)
+    notifier, notified = _notifier(tree, recorder, wakes, notifies), Wakeup(state.path, wakes.requests_changed)
+    bringers = [maintenance, *_bringers(tree.source, images)]
     return Loop(
         state=state,
         tree=tree,
@@ -101,8 +101,7 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
         sampler=sampler,
         running=running,
         ros=ros,
-        shm=shm,
-        workers=Workers(observer, recorder, wakes.wake_soon, running, usage.look, DispatchLimits().most),
+        workers=Workers(observer, recorder, wakes.wake_soon, running, usage.look, nodes=exchange),
         leases=Leases(state.requests, recorder),
         recorder=recorder,
         publisher=Publisher(state, clock, lambda: {**about, "notify": notifier.view()}, recorder.tell, tree.masker),
@@ -111,7 +110,7 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
         # By the time of day, so that numbers grow over a restart of rorg.
         generations=Generations(int(time.time() * 1000)),
         wakes=wakes,
-        threads=(maintenance, *bringers, prober, sampler, usage, ros, devices, watcher, notified, notifier, observer),
+        threads=(*bringers, prober, sampler, usage, ros.masters, devices, watcher, notified, notifier, observer),
         owner=owner,
     )
 

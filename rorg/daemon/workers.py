@@ -8,13 +8,14 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import nullcontext, suppress
 
-from rorg.core.dispatch import Outcome
+from rorg.core.dispatch import DispatchLimits, Outcome
 from rorg.core.operations import ObjectOperation, Pause, Remove
 from rorg.core.plan import Action
 from rorg.daemon.recorder import Recorder
 from rorg.daemon.running import Running
 from rorg.engines.execute import failure, perform
 from rorg.engines.observe import Observer
+from rorg.engines.protocol import ManagedNodes
 from rorg.errors import RorgError
 
 WORDS = 4096
@@ -31,9 +32,11 @@ class Workers:
         wake: Callable[[], None],
         running: Running,
         ceasing: Callable[[str], None],
-        most: int,
+        *,
+        nodes: ManagedNodes,
+        most: int = DispatchLimits().most,
     ) -> None:
-        self.engine, self.observer, self.recorder = running.engine, observer, recorder
+        self.engine, self.observer, self.recorder, self.nodes = running.engine, observer, recorder, nodes
         self.wake, self.paused, self.ceasing = wake, running.paused, ceasing
         self._pool = ThreadPoolExecutor(most, thread_name_prefix="worker")
         self._lock = threading.Lock()
@@ -75,7 +78,7 @@ class Workers:
             if action.operation.idles:
                 self.ceasing(action.service)
             with self.observer.acting(action.container) if action.container else nullcontext():
-                made = perform(self.engine, action.operation)
+                made = perform(self.engine, action.operation, self.nodes)
         except RorgError as failed:
             outcome = failure(action, failed)
         except Exception as bug:  # without an outcome the service would be in flight for ever
@@ -84,7 +87,7 @@ class Workers:
             if isinstance(action.operation, ObjectOperation):
                 self.observer.refresh_objects()
             elif action.container and not outcome.error:
-                self.observer.done(action.container, action.operation.leaves)
+                self.observer.done(action.container, action.operation.engine_leaves)
             elif made or action.container:
                 self.observer.refresh(made or action.container)
             self.recorder.outcome(action, outcome.error, time.monotonic() - began)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from rorg.core.dispatch import Outcome
 from rorg.core.operations import (
+    Activate,
     Create,
     CreateObject,
+    Deactivate,
+    ObjectOperation,
     Operation,
     Pause,
     Remove,
-    RemoveObject,
     Rename,
     Resume,
     Signal,
@@ -18,7 +20,7 @@ from rorg.core.operations import (
     Update,
 )
 from rorg.core.plan import Action
-from rorg.engines.protocol import Lifecycle, Objects
+from rorg.engines.protocol import Lifecycle, ManagedNodes, Objects
 from rorg.errors import EngineError, RorgError, advice
 
 STATE = ("gone", "conflict", "name_taken", "spent", "left_running")
@@ -38,11 +40,14 @@ def failure(action: Action, error: RorgError) -> Outcome:
     )
 
 
-def perform(engine: Lifecycle, operation: Operation) -> str:
-    """Make the engine call of an operation. Return the id of the container that it was done to, empty if it concerns a
-    network or a volume. Raises Unreachable and EngineError."""
+def perform(engine: Lifecycle, operation: Operation, nodes: ManagedNodes) -> str:
+    """Make the call of an operation: of the engine, or of managed nodes of ROS 2. Return the id of the container that
+    it was done to, empty if it concerns a network or a volume. Raises Unreachable and EngineError."""
     container = operation.container
     match operation:
+        case Activate() | Deactivate():
+            change = nodes.activate if isinstance(operation, Activate) else nodes.deactivate
+            change(container, operation.domain, operation.nodes)
         case Create():
             return engine.create(operation.name, operation.spec, operation.labels, operation.before, operation.defaults)
         case Start():
@@ -61,10 +66,17 @@ def perform(engine: Lifecycle, operation: Operation) -> str:
             engine.rename(container, operation.name)
         case Update():
             engine.update(container, operation.options)
-        case CreateObject() if isinstance(engine, Objects):
-            engine.make_object(operation.object, operation.name, operation.spec, operation.labels)
-        case RemoveObject() if isinstance(engine, Objects):
-            engine.remove_object(operation.object, operation.name)
+        case ObjectOperation():
+            _perform_on_object(engine, operation)
         case _:
             raise AssertionError(f"no engine call for {operation}")
     return container
+
+
+def _perform_on_object(engine: Lifecycle, operation: ObjectOperation) -> None:
+    """Make or remove a network or volume."""
+    assert isinstance(engine, Objects), "only such an engine has any"
+    if isinstance(operation, CreateObject):
+        engine.make_object(operation.object, operation.name, operation.spec, operation.labels)
+    else:
+        engine.remove_object(operation.object, operation.name)

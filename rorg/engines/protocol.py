@@ -112,6 +112,14 @@ class Observation(Protocol):
         return {}
 
 
+class ManagedNodes(Protocol):
+    """Changes the state of managed nodes of ROS 2. Raises EngineError if a node refuses, fails or does not answer."""
+
+    def activate(self, container: str, domain: int, nodes: Sequence[str]) -> None: ...
+
+    def deactivate(self, container: str, domain: int, nodes: Sequence[str]) -> None: ...
+
+
 class Pinger(Protocol):
     """Asks an engine whether it answers; for one thread."""
 

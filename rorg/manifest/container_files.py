@@ -96,8 +96,8 @@ def parameter_files(source: Source) -> Iterator[Path]:
             yield source.directory / path
 
 
-def parameters_of(source: Source, master: str) -> Reading[RosParameters | None]:
-    """Returns the parameters with the contents of files. `master` is the URI of the service's ROS master."""
+def parameters_of(source: Source, graph: str) -> Reading[RosParameters | None]:
+    """Returns the parameters with the contents of files. `graph` is the name of the service's ROS graph."""
     ros: Ros | None = source.spec.ros
     if ros is None or not ros.parameters:
         return None
@@ -110,4 +110,4 @@ def parameters_of(source: Source, master: str) -> Reading[RosParameters | None]:
             why = getattr(error, "strerror", None) or str(error)
             where = source.where("spec", "ros", "parameters", name, PARAMETER_FILE)
             yield Diagnostic(where, f"'{path}', the value of {name}: {why}", "to create or fix it")
-    return RosParameters(master, values)
+    return RosParameters(graph, values)

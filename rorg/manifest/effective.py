@@ -19,7 +19,7 @@ from rorg.manifest.field_texts import FieldText, fields_of, inline, written
 from rorg.manifest.load import load_or_raise
 from rorg.manifest.long_forms import read_env_files
 from rorg.manifest.profiles import COMMON, Merged, built_in_profiles, declared, merge_profiles
-from rorg.manifest.rendered_container import absolute, parts, substitute, values_of
+from rorg.manifest.rendered_container import CALLS, absolute, parts, substitute, values_of
 from rorg.manifest.ros import Ros
 from rorg.manifest.service import ServiceSpec
 from rorg.model.catalog import Service
@@ -205,8 +205,8 @@ def _layers(own: Source, profile: Merged, used: list[Level]) -> list[Layer]:
                 layers.append(Layer(manifest, {"volumes": [mount]}, ("spec", "mounts", index)))
             layers.append(Layer(manifest, declared(spec.container), AT))
         else:
-            asked = next((n for n in ("may_request", "may_manage", "may_act_for") if getattr(own.spec, n)), part)
-            layers.append(Layer(manifest, options, ("spec", part if part == "driver" else asked)))
+            asked = next((n for n in CALLS if getattr(own.spec, n)), part) if part in CALLS else part
+            layers.append(Layer(manifest, options, ("spec", asked)))
     values = values_of(own)
     return [*reversed(layers), *(Layer(p, substitute(declared(p.source.spec.container), values), AT) for p in used)]
 

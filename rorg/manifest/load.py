@@ -161,13 +161,17 @@ def unusable(root: Path, errors: Sequence[Diagnostic]) -> Invalid:
 
 MOST_TOLD = 200
 """Maximum number of listed mistakes."""
-UNTOLD = ("where", "origins", "fingerprint", "joins")
+UNTOLD = ("where", "origins", "fingerprint", "joins", "domain")
 """Fields that are not declared by the tree, or that follow from others."""
 LATER = (
     *("stand_ins", "cache_from", "inline", "networks", "volumes", "devices", "unplugged", "ros", "parts"),
-    *("purge_shm", "prewarm", "connected", "notify"),
+    *("purge_shm", "prewarm", "connected", "notify", "managed", "may_report_graph"),
 )
 """Fields that earlier versions did not have: a tree that does not use them keeps its fingerprint."""
+
+
+FORMER = {"graph": "master"}
+"""Field -> its name in earlier versions, which fingerprints keep."""
 
 
 def fingerprint(catalog: Catalog) -> str:
@@ -175,7 +179,7 @@ def fingerprint(catalog: Catalog) -> str:
 
     def content(value: Any) -> dict[str, Any]:
         told = (f.name for f in fields(value) if f.name not in UNTOLD and not (f.name in LATER and _unsaid(value, f)))
-        return {name: getattr(value, name) for name in told}
+        return {FORMER.get(name, name): getattr(value, name) for name in told}
 
     return hashlib.sha256(json.dumps(catalog, default=content, sort_keys=True).encode()).hexdigest()[:16]
 

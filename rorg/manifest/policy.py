@@ -40,15 +40,18 @@ Prewarm = Annotated[
 class Escalate(Strict):
     """A second, harder step for a service that stays idle."""
 
-    after: Duration = unchanging("Time since it was paused (or stopped).", "10m", ...)
-    action: Literal["stop", "remove"] = unchanging("The second step.", "remove", "stop")
+    after: Duration = unchanging("Time since it was paused, deactivated or stopped.", "10m", ...)
+    action: Literal["pause", "stop", "remove"] = unchanging(
+        "The second step; pause only for `action: deactivate`.", "remove", "stop"
+    )
 
 
 class Idle(Strict):
     """The action for a service that is no longer wanted."""
 
-    action: Literal["pause", "stop", "remove"] | None = unchanging(
-        "pause keeps its memory and resumes instantly; stop ends its processes; remove also removes the container.",
+    action: Literal["pause", "deactivate", "stop", "remove"] | None = unchanging(
+        "pause keeps its memory and resumes instantly; deactivate brings its managed nodes of ROS 2 (`ros.lifecycle`) "
+        "to the state inactive; stop ends its processes; remove also removes the container.",
         "pause",
         unset="stop",
     )
@@ -70,7 +73,7 @@ class Idle(Strict):
         unset="off",
     )
     connected: Literal["pause", "stop"] | None = unchanging(
-        "The action instead of a pause while a topic connects one of its ROS 1 nodes to another active service, or "
+        "The action instead of a pause while a topic connects one of its ROS nodes to another active service, or "
         "if that is unknown.",
         "stop",
         unset="pause",

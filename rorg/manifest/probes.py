@@ -72,6 +72,22 @@ class Probe(Strict):
         return self
 
 
+class TopicRate(Strict):
+    """A topic, and how many messages a second it must have."""
+
+    topic: Absolute = unchanging("The topic.", "/scan", ...)
+    hz: Annotated[float, Field(strict=False, gt=0, le=10_000), Written("number")] = unchanging(
+        "Messages a second, at least.", 8, ...
+    )
+
+
+class Lifecycle(Strict):
+    """A managed node of ROS 2, and the state that it must be in."""
+
+    node: Absolute = unchanging("The node.", "/amcl", ...)
+    state: Literal["unconfigured", "inactive", "active", "finalized"] = unchanging("The state.", "inactive", "active")
+
+
 class ServiceProbe(Probe):
     """Exactly one of the forms, including those that look into a service's container or at the ROS graph."""
 
@@ -81,10 +97,19 @@ class ServiceProbe(Probe):
     )
     log: Pattern | None = unchanging("A line of the output matches this regular expression.", "odom received")
     engine: Literal["healthy"] | None = unchanging("The engine's own health check says healthy.", "healthy")
-    ros_node: Absolute | None = unchanging("This ROS 1 node is registered and answers.", "/move_base")
-    ros_topic: Absolute | None = unchanging("This ROS 1 topic has a publisher.", "/scan")
-    ros_service: Absolute | None = unchanging(
-        "This ROS 1 service exists and accepts a connection.", "/move_base/make_plan"
+    ros_node: Absolute | None = unchanging("This ROS node is in the graph and answers.", "/move_base")
+    ros_topic: Absolute | None = unchanging("This ROS topic has a publisher.", "/scan")
+    ros_rate: TopicRate | None = unchanging(
+        "This topic has that many messages a second. ROS 2 only.", {"topic": "/scan", "hz": 8}
+    )
+    ros_service: Absolute | None = unchanging("This ROS service exists and its node answers.", "/move_base/make_plan")
+    ros_action: Absolute | None = unchanging("This ROS action has a server.", "/navigate_to_pose")
+    ros_parameter: Absolute | None = unchanging(
+        "This ROS parameter is set. In ROS 2, the last part of the name is the parameter, the rest is the node.",
+        "/amcl/use_sim_time",
+    )
+    lifecycle: Lifecycle | None = unchanging(
+        "This managed node is in that state. ROS 2 only.", {"node": "/amcl", "state": "active"}
     )
 
 
@@ -125,5 +150,5 @@ class Interlock(Probe):
 
 FORMS = (
     *("delay", "completed", "tcp", "http", "file", "exec", "log", "engine"),
-    *("ros_node", "ros_topic", "ros_service", "all"),
+    *("ros_node", "ros_topic", "ros_rate", "ros_service", "ros_action", "ros_parameter", "lifecycle", "all"),
 )

@@ -3,20 +3,21 @@ rendered."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from typing import Any
 
 from rorg.manifest.container_files import parameters_of
 from rorg.manifest.documents import Source
 from rorg.manifest.driver import hardware
-from rorg.manifest.probes import FORMS
+from rorg.manifest.probes import FORMS, Lifecycle, TopicRate
 from rorg.manifest.profiles import SHIPPED, Merged
 from rorg.manifest.rendered_container import container_of
-from rorg.model.catalog import Idle, Probe, Service, Updating
+from rorg.manifest.ros2 import domain_of
+from rorg.model.catalog import ROS_KINDS, Idle, Probe, Service, Updating
 from rorg.model.diagnostics import Diagnostic, Reading
 from rorg.model.policy import Budget, HistoryPolicy, ImagePolicy, NotifyTarget, Policy, Thresholds, Webhook
-from rorg.model.ros import without_master
+from rorg.model.ros import graph_of_domain
 
 ROS_MASTER = "http://localhost:11311"
 """The default address of the ROS 1 master, without ROS_MASTER_URI."""
@@ -30,7 +31,7 @@ EXEC_INTERVAL = 1.0
 
 SAME = (
     *("always_on", "conflicts", "exclusive", "may_request", "may_restart", "may_act_for", "may_manage"),
-    *("on_change", "priority"),
+    *("may_report_graph", "on_change", "priority"),
 )
 """Fields that a Service takes from its manifest as they are."""
 
@@ -43,8 +44,8 @@ def render(source: Source, profile: Merged, policy: Any, engine: str = "") -> Re
     needs = list(spec.needs) + [n for n in profile.needs if n.service != source.name and not meta]
     container, origins, secrets = ({}, {}, ()) if meta else (yield from container_of(source, profile, engine))
     protected, interlock = _guard(spec, policy)
-    master = _master(container)
-    ros = yield from parameters_of(source, master)
+    domain, graph, managed = _graph(source, container)
+    ros = yield from parameters_of(source, graph)
     same: dict[str, Any] = {n: tuple(v) if isinstance(v := getattr(spec, n), list) else v for n in SAME}
     service = Service(
         name=source.name,
@@ -53,14 +54,16 @@ def render(source: Source, profile: Merged, policy: Any, engine: str = "") -> Re
         restarts_with=tuple(sorted({n.service for n in needs if n.restart})),
         idle=_idle(spec, profile, policy),
         update=_updating(spec, policy),
-        ready=None if meta else probe(spec.ready or profile.ready, "ready", master),
-        live=None if meta else probe(spec.live or profile.live, "live", master),
-        interlock=None if meta else probe(interlock, "interlock", master),
+        ready=None if meta else with_managed(probe(spec.ready or profile.ready, "ready", graph), managed, graph),
+        live=None if meta else probe(spec.live or profile.live, "live", graph),
+        interlock=None if meta else probe(interlock, "interlock", graph),
         protected=protected,
         restart=spec.restart or profile.restart or "always",
         cpu=spec.resources.cpu,
         memory=spec.resources.memory,
         ros=ros,
+        domain=domain,
+        managed=managed,
         **same,
         **hardware(spec.driver, profile.without_hardware),
         spec=None if meta else container,
@@ -71,8 +74,7 @@ def render(source: Source, profile: Merged, policy: Any, engine: str = "") -> Re
         labels=source.labels,
         where=source.where("metadata", "name"),
     )
-    if not source.partial:
-        yield from _endless(source, service)
+    yield from () if source.partial else (*_endless(source, service), *_unmanaged(source, service))
     return service
 
 
@@ -83,15 +85,37 @@ def _endless(source: Source, service: Service) -> Iterator[Diagnostic]:
         yield Diagnostic(source.where("spec", "ready"), message, "restart: on-failure, or never")
 
 
-def _master(container: Mapping[str, Any]) -> str:
-    """The URI of the ROS 1 master that a container uses; empty for a ROS 2 program, so that rorg never asks a
-    master."""
-    environment = container.get("environment", {})
-    text = " ".join((*(container.get("entrypoint") or ()), *(container.get("command") or ())))
-    programs = [word.rpartition("/")[2] for word in text.split()]
-    if without_master(environment, str(container.get("image") or ""), programs):
-        return ""
-    return str(environment.get("ROS_MASTER_URI", ROS_MASTER))
+def _unmanaged(source: Source, service: Service) -> Iterator[Diagnostic]:
+    """Reports idle actions without what they act on."""
+    idle, managed = service.idle, service.managed
+    where = source.where("spec", "idle", "action")
+    if idle.action == "deactivate" and not managed:
+        message = f"'{source.name}' has no managed nodes to deactivate"
+        yield Diagnostic(where, message, "ros: {lifecycle: [/NODE]}, for a program of ROS 2")
+    if idle.escalate and idle.escalate[1] == "pause" and idle.action != "deactivate":
+        where = source.where("spec", "idle", "escalate", "action")
+        yield Diagnostic(where, f"pause is no step after {idle.action}", "stop or remove")
+
+
+def _graph(source: Source, container: Mapping[str, Any]) -> tuple[int | None, str, tuple[str, ...]]:
+    """Returns the domain, the name of the graph, and the managed nodes. Only programs of ROS 2 have a domain."""
+    domain, ros = domain_of(container), source.spec.ros
+    if domain is None:
+        return None, str(container.get("environment", {}).get("ROS_MASTER_URI", ROS_MASTER)), ()
+    return domain, graph_of_domain(domain), tuple(ros.lifecycle) if ros else ()
+
+
+def with_managed(ready: Probe | None, nodes: Sequence[str], graph: str) -> Probe | None:
+    """Returns a readiness probe that also asks whether all managed nodes are active. A delay counts from then on, so it
+    needs no question."""
+    if not nodes or (ready and ready.delay is not None):
+        return ready
+    first = ready or Probe("all", "", interval=INTERVALS["ready"])
+    asked = [p for p in first.questions if ready]
+    known = {p.target for p in asked if p.kind == "lifecycle"}
+    more = [(node, "active") for node in nodes if (node, "active") not in known]
+    parts = [replace(first, kind="lifecycle", target=target, graph=graph, parts=()) for target in more]
+    return replace(first, kind="all", target="", graph="", parts=(*asked, *parts)) if parts else ready
 
 
 PREWARM = {"auto": 0.2, "off": 0.0}
@@ -158,18 +182,18 @@ def _target(model: Any) -> NotifyTarget:
     )
 
 
-def probe(model: Any, role: str, master: str = "") -> Probe | None:
+def probe(model: Any, role: str, graph: str = "") -> Probe | None:
     """Converts a probe for the loop; `role` is ready, live or interlock."""
     if model is None:
         return None
-    parts = tuple(_question(part, role, master, model) for part in getattr(model, "all", None) or ())
+    parts = tuple(_question(part, role, graph, model) for part in getattr(model, "all", None) or ())
     if not parts:
-        return _question(model, role, master, model)
+        return _question(model, role, graph, model)
     shortest = min(part.interval for part in parts)
-    return replace(parts[0], kind="all", target="", interval=shortest, master="", parts=parts)
+    return replace(parts[0], kind="all", target="", interval=shortest, graph="", parts=parts)
 
 
-def _question(model: Any, role: str, master: str, whole: Any) -> Probe:
+def _question(model: Any, role: str, graph: str, whole: Any) -> Probe:
     """Converts one question of a probe; timeout and failures come from the `whole` probe."""
     kind = next(name for name in FORMS if getattr(model, name, None) is not None)
     target = getattr(model, kind)
@@ -178,6 +202,8 @@ def _question(model: Any, role: str, master: str, whole: Any) -> Probe:
         target = f"{host or '127.0.0.1'}:{port}"
     if kind == "completed":
         target = ""
+    if isinstance(target, TopicRate | Lifecycle):
+        target = tuple(map(str, target.model_dump().values()))
     interval = model.interval or whole.interval
     if interval is None:
         interval = max(INTERVALS[role], EXEC_INTERVAL) if kind == "exec" else INTERVALS[role]
@@ -187,5 +213,5 @@ def _question(model: Any, role: str, master: str, whole: Any) -> Probe:
         getattr(whole, "timeout", 30.0),
         interval,
         getattr(whole, "failures", None) or 0,
-        master if kind.startswith("ros_") else "",
+        graph if kind in ROS_KINDS else "",
     )

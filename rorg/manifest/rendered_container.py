@@ -20,10 +20,14 @@ from rorg.manifest.files import real
 from rorg.manifest.option_checks import FINAL
 from rorg.manifest.profiles import Merged, Origin, Origins, declared, merge_options, origins_of
 from rorg.manifest.programs import for_engine
+from rorg.manifest.ros2 import environment_of, with_arguments
 from rorg.manifest.together import Clash, clashes
 from rorg.model.catalog import RUN
 from rorg.model.diagnostics import Diagnostic, Reading, collected, nearest
 from rorg.model.volumes import mounted_at
+
+CALLS = ("may_request", "may_manage", "may_act_for", "may_report_graph")
+"""Permissions that give a service rorg's socket."""
 
 
 def container_of(
@@ -50,6 +54,7 @@ def container_of(
     options["image"] = spec.image
     if spec.command is not None:
         options["command"] = list(spec.command)
+    yield from with_arguments(source, options)
     secrets = {*of_files, *(n for n in spec.secrets if n in options.get("environment", {}))}
     return options, origins, tuple(sorted(secrets))
 
@@ -93,11 +98,13 @@ def parts(source: Source, profile: Merged) -> Reading[list[tuple[dict[str, Any],
     if mounts:  # not merged: a volume of this manifest at the same target is a mistake
         own = {**own, "volumes": own.get("volumes", []) + mounts}
     additions.append((own, "this manifest"))
-    if spec.may_request or spec.may_manage or spec.may_act_for:
+    if spec.ros and (variables := environment_of(spec.ros)):
+        additions.append(({"environment": variables}, "ros"))
+    if any(getattr(spec, permission) for permission in CALLS):
         folder = f"{RUN}/services/{source.name}"
         # The directory, not the socket: after a restart of rorg, a mounted socket is dead.
         socket = {"RORG_SOCKET": f"{folder}/rorg.sock"}
-        additions.append(({"volumes": [f"{folder}:{folder}:ro"], "environment": socket}, "may_request"))
+        additions.append(({"volumes": [f"{folder}:{folder}:ro"], "environment": socket}, CALLS[0]))
     return additions
 
 

@@ -1,4 +1,4 @@
-"""`ros` of a Service: parameters of ROS 1, in the form of roslaunch and rosparam."""
+"""`ros` of a Service: its parameters, and for ROS 2 its names, middleware and managed nodes."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import math
 import re
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, WithJsonSchema, model_validator
+from pydantic import AfterValidator, Field, WithJsonSchema, model_validator
 
-from rorg.manifest.fields import Written, unchanging
+from rorg.manifest.fields import Written, recreate, unchanging
 from rorg.manifest.option_forms import Strict
 
 NAME = r"^(/[A-Za-z_][A-Za-z0-9_]*)+$"
@@ -55,14 +55,38 @@ Parameter = Annotated[
 ]
 
 
+NodeName = Annotated[str, AfterValidator(_absolute), WithJsonSchema({"type": "string", "pattern": NAME})]
+RELATIVE = r"^[~/]?[A-Za-z0-9_/{}~]+$"
+Renamed = Annotated[str, Field(pattern=RELATIVE)]
+
+
 class Ros(Strict):
-    """Settings at the ROS 1 master of a service."""
+    """Settings of a ROS program. Except for `parameters`, they need ROS 2."""
 
     parameters: dict[ParameterName, Parameter] = unchanging(
-        "Parameters by absolute name, set before each start of the service and again after each restart of its master. "
-        "{file: PATH} is the text of a file beside the manifest. A changed value is set immediately.",
+        "Parameters by absolute name. In ROS 1 they are set at the master, before each start of the service and again "
+        "after each restart of its master. In ROS 2 the last part of the name is the parameter, the rest is the node; "
+        "the program reads them when it starts. {file: PATH} is the text of a file beside the manifest. A changed "
+        "value is set immediately.",
         {"/robot_name": "freight", "/robot_description": {"file": "./urdf/robot.urdf"}},
         dict,
+    )
+    lifecycle: Annotated[list[NodeName], Field(max_length=64)] = unchanging(
+        "Managed nodes that rorg configures and activates when the service is wanted, in this order. It is ready only "
+        "when all are active. `idle: {action: deactivate}` deactivates them in the opposite order.",
+        ["/map_server", "/amcl"],
+        list,
+    )
+    parameter_files: list[Annotated[str, Field(min_length=1)]] = recreate(
+        "Files of parameters inside the container, for --params-file. Later ones override earlier ones.",
+        ["/robot/nav2.yaml"],
+        list,
+    )
+    remap: dict[Renamed, Renamed] = recreate("Names to replace, for --remap.", {"scan": "/front/scan"}, dict)
+    namespace: Renamed | None = recreate("Namespace of its nodes, for --remap __ns:=.", "/arm")
+    domain: Annotated[int, Field(ge=0, le=232)] | None = recreate("ROS_DOMAIN_ID.", 7, unset="the profile's")
+    rmw: Annotated[str, Field(pattern=r"^rmw_[a-z0-9_]+$")] | None = recreate(
+        "RMW_IMPLEMENTATION.", "rmw_cyclonedds_cpp", unset="the profile's"
     )
 
     @model_validator(mode="after")

@@ -157,6 +157,9 @@ class ServiceSpec(Strict):
         ["lab-*"],
         list,
     )
+    may_report_graph: bool = recreate(
+        "It may report the graph of ROS 2, as the node of `clients/ros2` does. Gives it rorg's socket.", True, False
+    )
     restart: Restart | None = unchanging(
         "When to restart it if it exits while it is wanted. Delays grow.", "on-failure", unset="always"
     )
@@ -170,7 +173,8 @@ class ServiceSpec(Strict):
         Resources,
     )
     ros: Ros | None = unchanging(
-        "Its settings at the ROS 1 master.", {"parameters": {"/robot_name": "freight", "/move_base/max_vel": 0.5}}
+        "Settings of a ROS program: parameters, managed nodes, names.",
+        {"parameters": {"/robot_name": "freight", "/move_base/max_vel": 0.5}},
     )
     driver: OptionalDriver = recreate(
         "Hardware that it talks to: it gets these devices and no others. `true` for a driver without devices.",

@@ -36,19 +36,23 @@ class Idle:
     """The action for a service that is not wanted."""
 
     action: str = "stop"
-    """pause, stop or remove."""
+    """pause, deactivate, stop or remove."""
     linger: float = 0.0
     """Seconds for which a service stays active after it is no longer wanted."""
     min_active: float = 0.0
     """Minimum seconds for which it stays active after a start or resume."""
     escalate: tuple[float, str] | None = None
-    """(seconds after it became idle, stop or remove)."""
+    """(seconds after it became idle; pause, stop or remove)."""
     reclaim: bool = False
     prewarm: float = 0.0
     """Minimum probability for starting it before it is requested; 0 for never."""
     connected: str = "pause"
-    """pause or stop: what to do instead of pausing it while its ROS 1 nodes are connected to those of other
-    services."""
+    """pause or stop: what to do instead of pausing it while its ROS nodes are connected to those of other services."""
+
+    @property
+    def keeps_run(self) -> bool:
+        """Whether its run goes on while it is idle."""
+        return self.action in ("pause", "deactivate")
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,22 +67,26 @@ class Updating:
     """The set of services that change together, or go back together; empty for none."""
 
 
+ROS_KINDS = frozenset(("ros_node", "ros_topic", "ros_rate", "ros_service", "ros_action", "ros_parameter", "lifecycle"))
+"""Kinds of probes that look at a ROS graph."""
+
+
 @dataclass(frozen=True, slots=True)
 class Probe:
     """A probe of a service: `ready`, `live` or `interlock`."""
 
     kind: str
-    """delay, completed, tcp, http, file, exec, log, engine, ros_node, ros_topic, ros_service or ros_parameters; all for
-    several."""
+    """delay, completed, tcp, http, file, exec, log, engine, ros_parameters or one of ROS_KINDS; all for several."""
     target: float | str | tuple[str, ...]
+    """For ros_rate (topic, messages a second), for lifecycle (node, state)."""
     timeout: float = 30.0
     """Seconds after which a service counts as late."""
     interval: float = 0.25
     """Seconds between two probes."""
     failures: int = 0
     """Failures in a row that count; 0 if readiness is not probed again."""
-    master: str = ""
-    """URI of the ROS 1 master, for ros_*."""
+    graph: str = ""
+    """Name of the ROS graph, for ROS_KINDS."""
     parts: tuple[Probe, ...] = ()
     """Probes that must all hold; `interval` is then the shortest of theirs."""
 
@@ -133,6 +141,8 @@ class Service:
     """Services for which it may act, as a bridge does for its callers; `*` is every service except developer."""
     may_manage: tuple[str, ...] = ()
     """Patterns of names of services that it may create, change and remove."""
+    may_report_graph: bool = False
+    """It may report the graph of ROS 2."""
     idle: Idle = Idle()
     update: Updating = Updating()
     ready: Probe | None = None
@@ -155,6 +165,10 @@ class Service:
     unplugged: str = "stop"
     """The reaction when one of them is unplugged: stop or keep."""
     ros: RosParameters | None = None
+    domain: int | None = None
+    """ROS 2 domain; None for anything but a program of ROS 2."""
+    managed: tuple[str, ...] = ()
+    """Nodes of ROS 2 whose life cycle rorg manages, in order of activation."""
     spec: Spec | None = None
     """None for a meta-service."""
     secrets: tuple[str, ...] = ()
@@ -174,7 +188,7 @@ class Service:
     @property
     def calls(self) -> bool:
         """Whether it has a socket of rorg."""
-        return bool(self.may_request or self.may_manage or self.may_act_for)
+        return bool(self.may_request or self.may_manage or self.may_act_for or self.may_report_graph)
 
     def manages(self, name: str) -> bool:
         return any(fnmatchcase(name, pattern) for pattern in self.may_manage)

@@ -1,4 +1,6 @@
-"""What services declare of ROS 1, and how ROS 2 programs are recognized: by environment, image and command."""
+"""What services declare of ROS, and how ROS 2 programs are recognized: by environment, image and command.
+
+A graph has a name: the URI of a ROS 1 master, or `domain 0` for a domain of ROS 2."""
 
 from __future__ import annotations
 
@@ -12,12 +14,27 @@ PROGRAMS = frozenset((*MASTERS, "roslaunch", "rosrun", "rosbag", "rostopic", "ro
 """Programs that only ROS 1 has."""
 
 
+PARAMETER_FILE = "parameters.yaml"
+"""Name of the file in which rorg hands the parameters of a service to its programs of ROS 2."""
+_DOMAIN = "domain "
+
+
+def graph_of_domain(domain: int) -> str:
+    """The name of the graph of a ROS 2 domain."""
+    return f"{_DOMAIN}{domain}"
+
+
+def domain_of(graph: str) -> int | None:
+    """The ROS 2 domain of a graph's name; None for a ROS 1 master."""
+    return int(graph.removeprefix(_DOMAIN)) if graph.startswith(_DOMAIN) else None
+
+
 @dataclass(frozen=True, slots=True)
 class RosParameters:
-    """Parameters for the ROS master, set before the service starts."""
+    """Parameters that rorg sets: at a ROS 1 master before the service starts, or at running nodes of ROS 2."""
 
-    master: str
-    """URI of the master; empty for a ROS 2 program, which has none."""
+    graph: str
+    """Name of the graph."""
     values: Mapping[str, Any] = field(default_factory=dict)
     """By absolute name, in plain JSON that XML-RPC can carry."""
 

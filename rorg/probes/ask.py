@@ -39,7 +39,7 @@ def ask_host(probe: Probe) -> Answer:
         return ask_socket(probe)
     if probe.kind == "file":
         return ask_file(probe, "interlock")
-    return ros_master.probe(probe.kind, str(probe.target), probe.master)
+    return ros_master.probe(probe.kind, str(probe.target), probe.graph)
 
 
 def ask_file(probe: Probe, role: str, pid: int = 0, isolated: bool = False) -> Answer:
@@ -63,7 +63,7 @@ def asks_this_machine(probe: Probe) -> bool:
     if probe.kind == "tcp":
         host = str(probe.target).rpartition(":")[0].strip("[]")
     else:
-        host = urlsplit(probe.master if probe.kind.startswith("ros_") else str(probe.target)).hostname or ""
+        host = urlsplit(probe.graph or str(probe.target)).hostname or ""
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:

@@ -87,11 +87,16 @@ def graph(master: str, deadline: Deadline) -> Graph:
 
 
 def probe(kind: str, name: str, master: str) -> Answer:
-    """Whether a node, topic or service is there. `kind` is ros_node, ros_topic or ros_service."""
+    """Whether a node, topic, service, action or parameter is there. `kind` is one of ROS_KINDS that a master of ROS 1
+    can answer."""
     deadline = Deadline.within(TIMEOUT)
     try:
         if kind == "ros_topic":
             return YES if name in graph(master, deadline)[0] else no(f"{name} has no publisher")
+        if kind == "ros_action":  # a server of actionlib publishes this topic; there is no other sign of it
+            return YES if f"{name}/status" in graph(master, deadline)[0] else no(f"{name} has no action server")
+        if kind == "ros_parameter":
+            return YES if call(master, "hasParam", CALLER, name, deadline=deadline) else no(f"{name} is not set")
         question = "lookupService" if kind == "ros_service" else "lookupNode"
         where = str(call(master, question, CALLER, name, deadline=deadline))
     except LookupError:

@@ -15,15 +15,18 @@ from rorg.errors import RorgError
 from rorg.manifest.patterns import compiled
 from rorg.model.catalog import Probe
 from rorg.model.engines import Capabilities
+from rorg.model.ros import domain_of
+from rorg.model.units import parse_time
 from rorg.probes.answer import YES, Answer, cannot_ask, no
 from rorg.probes.ask import ask_file, ask_host, asks_this_machine
+from rorg.probes.ros2_exchange import Ros2Exchange
 from rorg.probes.ros_parameters import ensure
 
 EXEC_TIMEOUT = 10.0
 """Seconds for a command inside the container."""
 LOG_TIMEOUT = 5.0
 """Seconds for reading a log, once the engine has found the place; the next attempt continues there."""
-NO_MASTER = "it is a ROS 2 program, which no ROS 1 master knows"
+NO_LOOP = "only a running rorg is told of the ROS 2 graph"
 ELSEWHERE = "the engine is on another machine"
 
 
@@ -45,10 +48,11 @@ class ProbeRunner:
         container_of: Callable[[str], Container | None],
         stopping: threading.Event | None = None,
         told: Callable[[str, str, list[str]], None] = lambda *_: None,
+        ros2: Ros2Exchange | None = None,
     ) -> None:
         """`stopping` ends the attempts under way. `told` is called with ROS parameters that were set: the service, the
-        master, their names."""
-        self.engine, self.container_of, self.told = engine, container_of, told
+        name of the graph, their names. `ros2` asks the ROS 2 graph."""
+        self.engine, self.container_of, self.told, self.ros2 = engine, container_of, told, ros2
         self.stopping = stopping or threading.Event()
         self._read: dict[tuple[str, str, int], tuple[tuple[str, str], str | None]] = {}
         """(service, role, question) -> (incarnation, pattern), and the place in its log; None once a line matched."""
@@ -58,13 +62,16 @@ class ProbeRunner:
         probe = target.probe
         if role == "interlock":
             return ask_host(probe)  # it is about this machine, wherever the engine is
-        if probe.kind.startswith("ros_") and not probe.master:
-            return cannot_ask(NO_MASTER)
+        domain = domain_of(probe.graph)
         if role == ROLE:
-            return self._parameters(service, target)
+            return (
+                self._parameters(service, target) if domain is None else self._ros2_parameters(domain, service, target)
+            )
         container = self.container_of(service) or target.container
         if container is None or container.incarnation != target.incarnation:
             return cannot_ask("this is a different run now")
+        if domain is not None:
+            return self._ros2(domain, probe, container)
         try:
             return self._ask((*key, target.part), probe, container)
         except RorgError as error:
@@ -84,8 +91,25 @@ class ProbeRunner:
             return cannot_ask(f"{ELSEWHERE}, and {probe} names no host")
         return ask_host(probe)
 
+    def _ros2(self, domain: int, probe: Probe, container: Container) -> Answer:
+        """Ask whoever reports the graph. Endpoints that were there before this run began belong to another one."""
+        if self.ros2 is None:
+            return cannot_ask(NO_LOOP)
+        words = probe.target if isinstance(probe.target, tuple) else (str(probe.target),)
+        age = max(0.0, time.time() - parse_time(container.started_at)) if container.started_at else 0.0
+        return self.ros2.ask(domain, probe.kind, words, run_age=age)
+
+    def _ros2_parameters(self, domain: int, service: str, target: Target) -> Answer:
+        """Set parameters at running nodes; those that start read them from their file."""
+        if self.ros2 is None:
+            return cannot_ask(NO_LOOP)
+        answer = self.ros2.ask(domain, ROLE, (), values=target.values)
+        if answer.ok:
+            self.told(service, target.probe.graph, sorted(target.values))
+        return answer
+
     def _parameters(self, service: str, target: Target) -> Answer:
-        master, digest = target.probe.master, str(target.probe.target)
+        master, digest = target.probe.graph, str(target.probe.target)
         if not self.engine.local and asks_this_machine(target.probe):
             return cannot_ask(f"{ELSEWHERE}, and {master} names no host")
         try:

@@ -121,7 +121,7 @@ def _parameters(robot: Robot) -> Iterator[Finding]:
     """Parameters that two services set: a master has one value per name."""
     declaring = [(s, s.service.ros) for s in robot.subjects if s.service.ros]
     for (one, first), (other, second) in combinations(declaring, 2):
-        if robot.apart(one, other) or first.master != second.master:
+        if robot.apart(one, other) or first.graph != second.graph:
             continue
         before, now = first.values, second.values
         for name in now:

@@ -142,18 +142,40 @@ def _users(robot: Robot) -> Iterator[Finding]:
             yield Finding("ros2-mixed-uid", where, message, f'user: "{usual}" for all of them')
 
 
-def _masters(robot: Robot) -> Iterator[Finding]:
-    """ROS 2 programs with ROS 1 probes: any master that answers on this machine would be asked, perhaps another
-    robot's."""
-    for subject in (s for s in robot.subjects if s.without_master):
-        for asked in subject.asked:
-            if asked.probe.kind.startswith("ros_"):
-                message = f"'{subject.name}' is a program of ROS 2, and {asked.probe.kind} asks a ROS 1 master"
-                yield Finding("ros1-probe-of-ros2", subject.at(*asked.path), message)
-        if subject.service.ros is not None:
-            message = f"'{subject.name}' is a program of ROS 2, and a ROS 1 master would be given its parameters"
-            remedy = "a file of parameters that its command names (--params-file)"
-            yield Finding("ros1-probe-of-ros2", subject.at("ros", "parameters"), message, remedy)
+NEEDS_ROS2 = frozenset(("ros_rate", "lifecycle"))
+"""Forms of probes that no ROS 1 master can answer."""
+FIELDS = ("lifecycle", "parameter_files", "remap", "namespace", "domain", "rmw")
+"""Fields of `ros` that only programs of ROS 2 have."""
+
+
+def _unreported(robot: Robot) -> Iterator[Finding]:
+    """Probes and idle actions that need the graph of a domain which nothing reports."""
+    reported = {s.service.domain for s in robot.subjects if s.service.may_report_graph}
+    for subject in (s for s in robot.subjects if s.service.domain not in (None, *reported)):
+        domain = f"domain {subject.service.domain}"
+        remedy = f"a service of {domain} with `may_report_graph: true`, such as the node of clients/ros2"
+        managed = subject.service.managed
+        if managed:
+            message = f"nothing reports the graph of {domain}, so rorg cannot activate {', '.join(managed)}"
+            yield Finding("ros2-graph-unreported", subject.at("ros", "lifecycle"), message, remedy)
+        for asked in () if managed else subject.graph_probes:
+            message = (
+                f"nothing reports the graph of {domain}, so the probe {asked.probe} of '{subject.name}' has no answer"
+            )
+            yield Finding("ros2-graph-unreported", subject.at(*asked.path), message, remedy)
+
+
+def _of_ros2_only(robot: Robot) -> Iterator[Finding]:
+    """What programs of ROS 1 do not have."""
+    for subject in (s for s in robot.subjects if s.service.domain is None):
+        for asked in (a for a in subject.graph_probes if a.probe.kind in NEEDS_ROS2):
+            message = f"'{subject.name}' is no program of ROS 2, and a ROS 1 master cannot answer {asked.probe.kind}"
+            yield Finding("ros2-only", subject.at(*asked.path), message)
+        ros = subject.source.spec.ros
+        used = [name for name in FIELDS if ros and getattr(ros, name)]
+        if used:
+            message = f"'{subject.name}' is no program of ROS 2, so it has no use for {', '.join(used)}"
+            yield Finding("ros2-only", subject.at("ros", used[0]), message)
 
 
 def _routers(robot: Robot) -> Iterator[Finding]:
@@ -193,4 +215,4 @@ def _times(robot: Robot) -> Iterator[Finding]:
         yield Finding("sim-time-in-some", others[0].command(), message)
 
 
-CHECKS = (_masters, _single, _differing, _releases, _memory, _users, _routers, _times, each(_missing))
+CHECKS = (_unreported, _of_ros2_only, _single, _differing, _releases, _memory, _users, _routers, _times, each(_missing))

@@ -11,7 +11,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 from rorg.manifest.documents import Source
-from rorg.model.catalog import Probe, Service
+from rorg.model.catalog import ROS_KINDS, Probe, Service
 from rorg.model.diagnostics import Where
 from rorg.model.ports import Published, parse_ports
 from rorg.model.ros import MASTERS, PROGRAMS, declares_ros2, without_master
@@ -122,15 +122,19 @@ class Subject:
     def ros1(self) -> bool:
         return (
             "ROS_MASTER_URI" in self.env
-            or self.service.ros is not None
             or not PROGRAMS.isdisjoint(self.programs)
-            or any(asked.probe.kind.startswith("ros_") for asked in self.asked)
+            or (self.service.domain is None and (self.service.ros is not None or any(self.graph_probes)))
         )
 
     @cached_property
     def asked(self) -> tuple[Asked, ...]:
         """The questions of its probes: those of `ready`, then those of `live`."""
         return (*_asked("ready", self.service.ready), *_asked("live", self.service.live))
+
+    @property
+    def graph_probes(self) -> tuple[Asked, ...]:
+        """The questions of its probes about the ROS graph, as far as the manifest asks them."""
+        return tuple(asked for asked in self.asked if asked.probe.kind in ROS_KINDS)
 
     @cached_property
     def asked_ready(self) -> tuple[Asked, ...]:

@@ -110,9 +110,10 @@ ros2-mixed-uid: One user cannot open the other's shared memory: 0 of 50 messages
   try one user for all of them
 ros2-domain-mismatch: Participants in different domains do not find each other: 0 of 50 messages arrive.
   try profile: ros2 for all of them
-ros1-probe-of-ros2 (error): No ROS 1 master knows a ROS 2 program. The one that answers on this machine may be another
-  robot's.
-  try a tcp, file, log or exec probe; or ROS_MASTER_URI in its environment, if it bridges to ROS 1
+ros2-graph-unreported: rorg has no ROS 2 of its own. Without a node that reports the graph, these probes never answer.
+  try the node of clients/ros2 as a service with `may_report_graph: true`
+ros2-only (error): A ROS 1 master knows neither rates nor life cycles, and its programs have no such arguments.
+  try profile: ros2, if it is a program of ROS 2
 ros2-domain-range: Above 232 there are no ports; 102 to 214 collide with the ports of outgoing connections.
   try 0 to 101
 ros2-rmw-mismatch: Two DDS implementations may not understand each other; Zenoh and DDS never do.

@@ -10,6 +10,8 @@ LATENCY: Mapping[str, float] = {
     "start": 0.088,
     "pause": 0.013,
     "resume": 0.013,
+    "activate": 0.010,
+    "deactivate": 0.010,
     "stop": 0.047,
     "remove": 0.028,
     "rename": 0.005,

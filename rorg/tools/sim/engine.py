@@ -189,15 +189,23 @@ class SimEngine:
         self.containers[container] = replace(target, networks=ids)
 
     def pause(self, container: str) -> None:
-        self._change("pause", container, ("running",), state="paused")
-        self._ran[container] = self._seconds(container), None
+        self._turn("pause", container, ("running", "inactive"), "paused")
 
     def resume(self, container: str) -> None:
-        self._change("resume", container, ("paused",), state="running")
-        self._ran[container] = self._seconds(container), self.clock()
+        self._turn("resume", container, ("paused",), "running")
+
+    def activate(self, container: str, domain: int, nodes: Sequence[str]) -> None:
+        self._turn("activate", container, ("inactive",), "running")
+
+    def deactivate(self, container: str, domain: int, nodes: Sequence[str]) -> None:
+        self._turn("deactivate", container, ("running",), "inactive")
+
+    def _turn(self, verb: str, container: str, before: tuple[str, ...], state: str) -> None:
+        self._change(verb, container, before, state=state)
+        self._ran[container] = self._seconds(container), self.clock() if state == "running" else None
 
     def stop(self, container: str, signal: str, grace: float) -> None:
-        self._change("stop", container, ("running", "paused"), state="exited", exit_code=0)
+        self._change("stop", container, ("running", "inactive", "paused"), state="exited", exit_code=0)
 
     def signal(self, container: str, name: str) -> None:
         self._change("signal", container, ("running",))
@@ -235,8 +243,7 @@ class SimEngine:
     def exec(
         self, container: str, command: Sequence[str], timeout: float, stop: threading.Event | None = None
     ) -> tuple[int, bytes]:
-        target = self._get(container)
-        if target.state != "running":
+        if (target := self._get(container)).state != "running":
             raise EngineError(f"run {command[0]} in {target.service}", f"it is {target.state}", kind="conflict")
         return self.answers.get(tuple(command), (0, b""))
 
@@ -275,8 +282,7 @@ class SimEngine:
         return self.containers[container]
 
     def _fault(self, verb: str, service: str) -> None:
-        messages = self.faults.fail.get((verb, service))
-        if messages:
+        if messages := self.faults.fail.get((verb, service)):
             why = messages.pop(0)
             raise EngineError(f"{verb} {service}", why, kind="unsupported" if why == UNSUPPORTED else "other")
         self.calls.append((self.clock(), verb, service))

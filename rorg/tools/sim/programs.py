@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from math import inf
 from random import Random
 
+from rorg.core.observed import ASLEEP
 from rorg.model.catalog import Service
 from rorg.model.workload import Behaviour, Distribution, Workload
 from rorg.tools.sim.calls import LATENCY
@@ -68,7 +69,7 @@ class Programs:
 
     def _memory(self, one: Behaviour, service: str, state: str, in_use: bool) -> Distribution:
         active = one.memory or Distribution((float(self.services[service].memory),))
-        if state == "paused":
+        if state in ASLEEP:
             return one.memory_paused or one.memory_idle or active
         return active if in_use else one.memory_idle or active
 

@@ -128,7 +128,7 @@ class SimRobot:
     def _finish(self, action: Action, life: int) -> None:
         outcome = Outcome(action)
         try:
-            perform(self.engine, action.operation)
+            perform(self.engine, action.operation, self.engine)
         except RorgError as failed:
             outcome = failure(action, failed)
         self.log.append((self.now, str(action) + (f" failed: {outcome.error}" if outcome.error else "")))

@@ -11,7 +11,7 @@ from rorg.core.changes import changed_items
 from rorg.core.decide import Decision
 from rorg.core.memory import ProbeResult
 from rorg.core.observed import Container
-from rorg.core.operations import Pause, Resume, Start
+from rorg.core.operations import Activate, Deactivate, Pause, Resume, Start
 from rorg.core.plan import Action
 from rorg.model.catalog import Catalog
 from rorg.tools.sim.programs import Programs
@@ -190,10 +190,10 @@ class RobotOfPrograms(SimRobot):
         container, now = action.container, self.now
         if isinstance(action.operation, Start):
             self._begin(container, self.programs.start(action.service), self.programs.life(action.service))
-        elif isinstance(action.operation, Pause):
+        elif isinstance(action.operation, (Pause, Deactivate)):
             self._up[container] = max(0.0, self._up[container] - now)
             self._life[container] -= now
-        elif isinstance(action.operation, Resume):
+        elif isinstance(action.operation, (Resume, Activate)):
             up = max(self._up[container], self.programs.resume(action.service))
             self._begin(container, up, self._life[container])
 
