@@ -1,11 +1,11 @@
-"""The ROS 2 node /rorg: services request, release, query, restart and manifests, and the latched topic status."""
+"""The ROS 2 node /rorg: services to request and manage services, and the latched topic status."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 import contextlib
 import threading
 import time
-from collections.abc import Callable, Iterator
 
 import rclpy
 from rclpy.context import Context
@@ -16,6 +16,7 @@ from rclpy.service import Service
 from rorg_client import Client, Error
 from rorg_client.ros.bridge import Bridge
 from rorg_client.ros.notifications import serve
+from rorg_ros2.graph import Ros2Graph
 from rorg_ros2_interfaces.msg import ServiceStatus, Status
 from rorg_ros2_interfaces.srv import (
     GetManifest,
@@ -28,48 +29,52 @@ from rorg_ros2_interfaces.srv import (
 )
 from std_msgs.msg import String
 
-from rorg_ros2.graph import Ros2Graph
-
 
 class RorgNode(Node):
-    """Callers name themselves: a ROS 2 server does not learn who calls. Each call has a thread, since it may wait; so
-    have leases and status, which must go on meanwhile."""
+    """
+    The node: it binds the bridge to services and topics.
+
+    Callers name themselves, because rclpy does not tell a server who calls. Each call has a
+    thread, since it may wait. Leases and status have threads too: they must go on meanwhile.
+    """
 
     def __init__(self) -> None:
-        super().__init__("rorg")
+        super().__init__('rorg')
         self.graph = Ros2Graph(self, Client())
-        self.bridge = Bridge(Client(), self.graph, self.declare_parameter("others", "").value, "ros2")
+        self.bridge = Bridge(
+            Client(), self.graph, self.declare_parameter('others', '').value, 'ros2'
+        )
         self._offer()
-        self._forward_notifications(self.declare_parameter("notifications", 0).value)
+        self._forward_notifications(self.declare_parameter('notifications', 0).value)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self.status = self.create_publisher(Status, "~/status", latched)
+        self.status = self.create_publisher(Status, '~/status', latched)
         self.last: Status | None = None
         self.client = Client()
         self._repeat(0.2, self._publish_status)
         self._repeat(0.5, self._sweep)
-        self.get_logger().info("serves requests")
+        self.get_logger().info('serves requests')
 
-    # -- services ----------------------------------------------------------------------------------------------
+    # -- services ------------------------------------------------------------------------------
 
     def _offer(self) -> None:
         for name, kind, call in (
-            ("request", RequestServices, self._request),
-            ("release", ReleaseServices, self._release),
-            ("query", QueryService, self._query),
-            ("restart", RestartService, self._restart),
-            ("get_manifest", GetManifest, self._get_manifest),
-            ("put_manifest", PutManifest, self._put_manifest),
-            ("remove_manifest", RemoveManifest, self._remove_manifest),
+            ('request', RequestServices, self._request),
+            ('release', ReleaseServices, self._release),
+            ('query', QueryService, self._query),
+            ('restart', RestartService, self._restart),
+            ('get_manifest', GetManifest, self._get_manifest),
+            ('put_manifest', PutManifest, self._put_manifest),
+            ('remove_manifest', RemoveManifest, self._remove_manifest),
         ):
-            service = self.create_service(kind, f"~/{name}", lambda ask, answer: (ask, answer))
+            service = self.create_service(kind, f'~/{name}', lambda ask, answer: (ask, answer))
             answer_later(service, self._checked(call), self.context)
 
     def _checked(self, call: Callable) -> Callable:
-        """A handler that refuses names which cannot be those of callers."""
+        """Make a handler that refuses names which cannot be those of callers."""
 
         def checked(service: str, ask, answer) -> None:
             try:
-                self.graph.check_caller(getattr(ask, "caller", ""), service)
+                self.graph.check_caller(getattr(ask, 'caller', ''), service)
             except Error as error:
                 answer.success, answer.message = False, str(error)
             else:
@@ -108,25 +113,27 @@ class RorgNode(Node):
             ask.caller, ask.kind, ask.name, ask.base, ask.message
         )
 
-    # -- topics and leases -------------------------------------------------------------------------------------
+    # -- topics and leases ---------------------------------------------------------------------
 
     def _publish_status(self) -> None:
-        now = Status(services=[status_of(s) for s in self.client.services() if s["state"] != "meta"])
+        now = Status(
+            services=[status_of(s) for s in self.client.services() if s['state'] != 'meta']
+        )
         if now != self.last:
             self.status.publish(now)
             self.last = now
 
     def _forward_notifications(self, port: int) -> None:
         if port:
-            publisher = self.create_publisher(String, "~/notifications", 10)
+            publisher = self.create_publisher(String, '~/notifications', 10)
             serve(port, lambda text: publisher.publish(String(data=text)))
 
     def _sweep(self) -> None:
         for name in self.bridge.sweep():
-            self.get_logger().info(f"{name} is gone; what it held is released")
+            self.get_logger().info(f'{name} is gone; what it held is released')
 
     def _repeat(self, seconds: float, do: Callable[[], None]) -> None:
-        """Does something every so often, in a thread of its own. Logs what rorg says against it."""
+        """Do something every so often in a thread of its own, and log errors of rorg."""
 
         def run() -> None:
             while self.context.ok():
@@ -142,7 +149,7 @@ class RorgNode(Node):
 
 @contextlib.contextmanager
 def while_up(context: Context) -> Iterator[None]:
-    """Ignores what fails because the node has been shut down meanwhile."""
+    """Ignore what fails because the node has been shut down meanwhile."""
     try:
         yield
     except Exception:
@@ -151,9 +158,12 @@ def while_up(context: Context) -> Iterator[None]:
 
 
 def answer_later(service: Service, call: Callable, context: Context) -> None:
-    """Makes a service answer from a thread, whose `call` gets the service's name, the request and the response.
-    Otherwise a call that waits would hold up all others: an executor has only as many threads as there are processors.
-    The service's callback returns the pair of request and response."""
+    """
+    Make a service answer from a thread, once `call(service's name, request, response)` returns.
+
+    Otherwise calls that wait would hold up all others: an executor has as many threads as there
+    are processors. The service's callback must return the pair of request and response.
+    """
     send, name = service.send_response, service.service_name
 
     def run(pair: tuple, header: object) -> None:
@@ -169,7 +179,8 @@ def answer_later(service: Service, call: Callable, context: Context) -> None:
 
 def status_of(service: dict) -> ServiceStatus:
     return ServiceStatus(
-        **{field: service[field] for field in ("state", "health", "wanted", "why")}, name=service["service"]
+        **{field: service[field] for field in ('state', 'health', 'wanted', 'why')},
+        name=service['service'],
     )
 
 
