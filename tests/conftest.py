@@ -28,6 +28,7 @@ from cpp_program import SANITIZERS, WARNINGS, compile_all
 
 if TYPE_CHECKING:
     from dockerd import Dockerd
+    from ros2_programs import Ros2
 
 ROOT = Path(__file__).parent.parent
 for _name in [name for name in os.environ if name.startswith("RORG_") and not name.startswith("RORG_TEST_")]:
@@ -198,6 +199,25 @@ def package(dockerd, ros_image, tmp_path_factory):
     binds = [f"{ROS_PACKAGE}:/package:ro", f"{out}:/out", f"{ROOT / 'tests/ros_nodes'}:/nodes:ro"]
     run_in_container(dockerd.host, ros_image, BUILD, binds)
     return out
+
+
+BUILD_ROS2 = """set -e
+mkdir /ws; cp -r /package /ws/src; cd /ws
+python3 -c "import rorg_ros2_interfaces" && touch src/rorg_ros2_interfaces/COLCON_IGNORE
+colcon build --merge-install --install-base /out"""
+
+
+@pytest.fixture(scope="session")
+def ros2(dockerd, tmp_path_factory) -> Iterator[Ros2]:
+    """Real ROS 2, with rorg's node built by colcon from a copy of clients/ros2."""
+    from debian_images import bring_ros2
+    from ros2_programs import Ros2, domain_of_its_own
+
+    image, out = bring_ros2(dockerd.host), tmp_path_factory.mktemp("ros2") / "out"
+    out.mkdir()
+    run_in_container(dockerd.host, image, BUILD_ROS2, [f"{ROOT / 'clients/ros2'}:/package:ro", f"{out}:/out"])
+    with domain_of_its_own() as domain:
+        yield Ros2(dockerd.host, image, out, domain)
 
 
 def run_in_container(host: str, image: str, script: str, binds: list[str]) -> None:

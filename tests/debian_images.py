@@ -5,28 +5,68 @@ from __future__ import annotations
 
 import hashlib
 import os
+import platform
 import shutil
 import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from conftest import ROOT, no_docker
 
+sys.path.insert(0, str(ROOT / "images/rorg"))
+from wheels import selection
+
 BASE = "debian:bookworm-slim"
 ROOTFS = ROOT / "images/ros1/rootfs.sh"
+ROS2 = ROOT / "images/ros2"
+INTERFACES = ROOT / "clients/ros2/rorg_ros2_interfaces"
 
 
-def bring(host: str, folder: Path, name: str) -> str:
-    """The image of a folder's Dockerfile, which is FROM the base, on the daemon at `host`."""
+def bring(
+    host: str,
+    folder: Path,
+    name: str,
+    more: Iterable[Path] = (),
+    complete: Callable[[Path], None] = lambda context: None,
+) -> str:
+    """The image of a folder's Dockerfile, which is FROM the base, on the daemon at `host`. `complete` adds to a copy of
+    the folder what else the image is built from, as `more` files say."""
     import docker
 
     api = docker.APIClient(host, version="auto", timeout=600)
-    kept = _kept(name, [ROOTFS, *sorted(p for p in folder.iterdir() if p.is_file())])
+    kept = _kept(name, [ROOTFS, *sorted(p for p in folder.iterdir() if p.is_file()), *more])
     if not (api.images(name) or _load(api, kept)):
         _bring_base(api)
-        lines = list(api.build(path=str(folder), tag=name, network_mode="host", decode=True, rm=True))
+        with tempfile.TemporaryDirectory() as context:
+            shutil.copytree(folder, context, dirs_exist_ok=True)
+            complete(Path(context))
+            lines = list(api.build(path=context, tag=name, network_mode="host", decode=True, rm=True))
         assert api.images(name), lines[-5:]
         _keep(api, name, kept)
     return name
+
+
+def bring_ros2(host: str) -> str:
+    """The image of images/ros2, with wheels that pip downloads on this machine."""
+    if platform.machine() != "x86_64":
+        no_docker("ROS 2 has wheels for x86_64 only")
+    more = sorted(path for path in INTERFACES.rglob("*") if path.is_file())
+    return bring(host, ROS2, "ros2-base", more, _add_wheels_and_interfaces)
+
+
+def _add_wheels_and_interfaces(context: Path) -> None:
+    shutil.copytree(INTERFACES, context / INTERFACES.name)
+    wheels, pip = context / "wheels", [sys.executable, "-m", "pip", "--quiet"]
+    wanted = [f"--requirement={context / name}" for name in ("runtime.txt", "build.txt")]
+    for words in (
+        ["wheel", "--no-deps", f"--wheel-dir={wheels}", "empy<4"],  # the only one without a wheel of its own
+        ["download", f"--dest={wheels}", f"--find-links={wheels}", *selection("amd64", 11), *wanted],
+    ):
+        done = subprocess.run([*pip, *words], capture_output=True, text=True)
+        if done.returncode:
+            no_docker(f"the wheels of ROS 2 cannot be downloaded: {done.stderr[-500:]}")
 
 
 def _bring_base(api) -> None:

@@ -62,7 +62,9 @@ def write_tree(root: Path, services: dict[str, dict], **kinds: dict[str, dict]) 
         for name, spec in specs.items():
             if kind == "Service" and spec.get("type") != "meta":
                 spec = {"image": BASE_IMAGE, "command": WORK, **spec}
-            document = {"apiVersion": "rorg/v1", "kind": kind, "metadata": {"name": name}, "spec": spec}
+            labels = {"labels": spec["labels"]} if "labels" in spec else {}
+            spec = {key: value for key, value in spec.items() if key != "labels"}
+            document = {"apiVersion": "rorg/v1", "kind": kind, "metadata": {"name": name, **labels}, "spec": spec}
             text = yaml.dump(document, Dumper=DUMPER, sort_keys=False)
             path = root / folder / f"{name}.yaml"
             if not path.exists() or path.read_text() != text:

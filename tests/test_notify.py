@@ -13,8 +13,9 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 import yaml
-from conftest import ROOT, free_port, wait_for
+from conftest import free_port, wait_for
 from robots import RealRobot, write_tree
+from rorg_client.ros.notifications import serve
 
 from rorg.core.masking import Masker
 from rorg.daemon import notifier
@@ -27,9 +28,6 @@ from rorg.manifest.load import load
 from rorg.manifest.notify import Notify
 from rorg.model.policy import NOTIFY_FIELDS, NOTIFY_KINDS, NotifyTarget, Webhook
 from rorg.store.state_dir import StateDir
-
-sys.path.insert(0, str(ROOT / "clients/ros1/rorg_ros/src"))
-from rorg_ros.notifications import serve
 
 CAMERA = {"camera": {}, "nav": {"needs": ["camera"]}}
 

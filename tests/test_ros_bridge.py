@@ -30,7 +30,6 @@ def test_requests_through_ros_live_as_long_as_their_caller(dockerd, ros_image, p
             "environment": {"ROS_MASTER_URI": master, "PYTHONPATH": "/bridge/lib/python3/dist-packages:/program"},
             "volumes": [
                 f"{package}:/bridge:ro",
-                f"{ROOT / 'rorg'}:/program/rorg:ro",
                 f"{ROOT / 'clients/python/rorg_client'}:/program/rorg_client:ro",
                 f"{NODES}:/nodes:ro",
                 f"{tmp_path}:/told",

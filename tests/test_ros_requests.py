@@ -17,10 +17,10 @@ import pytest
 import yaml
 from conftest import ROOT, free_port, wait_for
 from robots import RealRobot, write_tree
+from rorg_client.ros.bridge import Bridge
+from rorg_client.ros.identity import Connection, Graph
+from rorg_client.ros.names import holder_of, request_id, tag
 from test_ros import NODES, services
-
-sys.path.insert(0, str(ROOT / "clients/ros1/rorg_ros/src"))
-from rorg_ros.bridge import Bridge, Connection, Graph, holder_of, request_id, tag
 
 PAUSE = {"idle": {"action": "pause"}}
 LISTEN = [

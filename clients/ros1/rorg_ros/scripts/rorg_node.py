@@ -8,9 +8,11 @@ from urllib.parse import urlparse
 
 import rosgraph
 import rospy
-from rorg_ros.bridge import Bridge, Client, Connection, Error, Graph
+from rorg_client import Client, Error
+from rorg_client.ros.bridge import Bridge
+from rorg_client.ros.identity import Connection, Graph
+from rorg_client.ros.notifications import serve
 from rorg_ros.msg import ServiceStatus, Status
-from rorg_ros.notifications import serve
 from rorg_ros.srv import (
     GetManifest,
     GetManifestResponse,

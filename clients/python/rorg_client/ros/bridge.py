@@ -15,13 +15,11 @@ from collections.abc import Iterable
 from typing import Any, NamedTuple
 from urllib.parse import quote, urlencode
 
-from .identity import UNSEEN, Connection, Graph, Identity
-from .names import address, format_seconds, holder_of, manifest, passing, request_id, tag
-
-try:
-    from rorg_client import Client, Error, NotFound, NotReady
-except ImportError:
-    from rorg.client import Client, Error, NotFound, NotReady
+from rorg_client.client import Client
+from rorg_client.errors import Error, NotFound, NotReady
+from rorg_client.ros.identity import UNSEEN, Connection, Graph, Identity
+from rorg_client.ros.names import address, format_seconds, holder_of, manifest, passing, request_id, tag
+from rorg_client.types import RequestView, ServiceView
 
 KEEP = 60.0
 """Seconds of a lease: the bridge may be away this long before the requests of its callers end."""
@@ -126,7 +124,8 @@ class Bridge:
         while True:
             left = max(end - time.monotonic(), 0.0)
             try:
-                return self.client.wait(*names, timeout=left)
+                self.client.wait(*names, timeout=left)
+                return
             except NotReady:
                 raise
             except Error as error:
@@ -151,11 +150,11 @@ class Bridge:
                 self._terms.pop(key, None)
         return Done(True, "released")
 
-    def query(self, name: str) -> tuple[bool, str, dict[str, Any]]:
+    def query(self, name: str) -> tuple[bool, str, ServiceView | None]:
         try:
             return True, "", self.client.service(self.resolve(name))
         except Error as error:
-            return False, str(error), {}
+            return False, str(error), None
 
     def restart(self, caller: str, name: str, force: bool, via: Connection = UNSEEN) -> Done:
         try:
@@ -264,9 +263,9 @@ class Bridge:
                     if self._terms.get(key) is held:
                         del self._terms[key]
 
-    def _renew(self, request: dict[str, Any]) -> None:
+    def _renew(self, request: RequestView) -> None:
         left, ttl = request["expires_in"], request["ttl"]
-        if left is not None and left < ttl - min(ttl / 3, RENEW):
+        if left is not None and ttl is not None and left < ttl - min(ttl / 3, RENEW):
             with contextlib.suppress(NotFound):  # it was released meanwhile
                 self.client.call("POST", address(request["id"], request["requester"], "/renew"))
 

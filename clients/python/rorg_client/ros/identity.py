@@ -7,10 +7,8 @@ import time
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
-try:
-    from rorg_client import Client, Forbidden, NotFound
-except ImportError:
-    from rorg.client import Client, Forbidden, NotFound
+from rorg_client.client import Client
+from rorg_client.errors import Forbidden, NotFound
 
 SEEN = 10.0
 """Seconds for which the process of a node, and the service that runs it, are remembered."""

@@ -1,0 +1,69 @@
+"""The ROS 2 graph, as DDS discovers it."""
+
+from __future__ import annotations
+
+import time
+
+from rclpy.node import Node, NodeNameNonExistentError
+from rorg_client import Client
+from rorg_client.errors import Forbidden
+from rorg_client.ros.identity import Graph
+
+# Seconds for which a node may be missing before it counts as gone. DDS shows a killed one for
+# 20 s more.
+MISSING = 5.0
+# Seconds that the graph may take to show a node that calls.
+DISCOVERY = 3.0
+
+
+class Ros2Graph(Graph):
+    """
+    The graph, as one of its nodes sees it.
+
+    Nodes of ROS 2 have no port of their own, so manifests must declare which service runs them.
+    """
+
+    def __init__(self, node: Node, client: Client) -> None:
+        self.node, self.client = node, client
+        # When each node that someone asked about was last there.
+        self._seen: dict[str, float] = {}
+
+    def alive(self, node: str) -> bool:
+        now = time.monotonic()
+        if node in self.nodes():
+            recent = {k: v for k, v in dict(self._seen).items() if now - v < MISSING}
+            self._seen = {**recent, node: now}
+        return now - self._seen.get(node, -MISSING) < MISSING
+
+    def near(self, node: str) -> None:
+        return None
+
+    def port(self, node: str) -> int:
+        return 0
+
+    def nodes(self) -> set[str]:
+        """List those that DDS sees, and those of paused services, which leave it after 20 s."""
+        seen = {full_name(*found) for found in self.node.get_node_names_and_namespaces()}
+        paused = (s['ros_nodes'] for s in self.client.services() if s['state'] == 'paused')
+        return seen.union(*paused)
+
+    def check_caller(self, caller: str, service: str) -> None:
+        """Raise Forbidden if a caller names a node that has no client of the service."""
+        end = time.monotonic() + DISCOVERY
+        while caller and not self._has_client(caller, service):
+            if time.monotonic() > end:
+                why, remedy = f'no node of this name has a client of {service}', "your node's name"
+                raise Forbidden(f'cannot call as {caller}', why, remedy, 'forbidden', 403)
+            time.sleep(0.05)
+
+    def _has_client(self, node: str, service: str) -> bool:
+        space, _, name = node.rpartition('/')
+        try:
+            clients = self.node.get_client_names_and_types_by_node(name, space or '/')
+        except (NodeNameNonExistentError, ValueError, RuntimeError):  # also if it cannot be a name
+            return False
+        return any(found == service for found, _ in clients)
+
+
+def full_name(name: str, namespace: str) -> str:
+    return f'{namespace.rstrip("/")}/{name}'

@@ -1,1 +1,0 @@
-../../../ros1/rorg_ros/src/rorg_ros/identity.py
