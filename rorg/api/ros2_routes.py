@@ -78,6 +78,7 @@ class Ros2Order(BaseModel):
 class Ros2Orders(BaseModel):
     """What the reporter of a ROS 2 graph has not been told yet."""
 
+    graph: bool = Field(description="Whether rorg has a graph of this session; if not, send it again.")
     orders: list[Ros2Order]
     watched: list[str] | None = Field(description="Nodes whose states it reports; null if they are as before.")
 
@@ -99,7 +100,7 @@ def add_ros2(app: FastAPI, operations: Operations) -> None:
                 orders = exchange.orders(domain, body.session)
                 left = until - asyncio.get_running_loop().time()
                 if orders is not None or left <= 0 or operations.ending:
-                    return JSONResponse(_as_json(orders))
+                    return JSONResponse({"graph": exchange.has_graph(domain, body.session), **_as_json(orders)})
                 try:
                     await asyncio.wait_for(turn.wait(), left)
                 except TimeoutError:

@@ -138,6 +138,12 @@ class Ros2Exchange:
             orders, known.waiting, known.told = tuple(known.waiting.values()), {}, known.watched
             return Orders(orders, known.watched)
 
+    def has_graph(self, domain: int, session: str) -> bool:
+        """Return whether a session has reported its graph."""
+        with self._condition:
+            known = self._of(domain)
+            return known.session == session and known.graph is not None
+
     @contextmanager
     def listening(self, domain: int, call: Callable[[], None]) -> Iterator[None]:
         """While the block runs, `call` is called when there may be orders."""

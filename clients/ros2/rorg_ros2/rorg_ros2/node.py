@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 import contextlib
+import os
 import threading
 import time
 
@@ -17,6 +18,7 @@ from rorg_client import Client, Error
 from rorg_client.ros.bridge import Bridge
 from rorg_client.ros.notifications import serve
 from rorg_ros2.graph import Ros2Graph
+from rorg_ros2.reporter import Reporter
 from rorg_ros2_interfaces.msg import ServiceStatus, Status
 from rorg_ros2_interfaces.srv import (
     GetManifest,
@@ -50,6 +52,8 @@ class RorgNode(Node):
         self.status = self.create_publisher(Status, '~/status', latched)
         self.last: Status | None = None
         self.client = Client()
+        self.reporter = Reporter(self, Client, int(os.environ.get('ROS_DOMAIN_ID') or 0))
+        self.reporter.start()
         self._repeat(0.2, self._publish_status)
         self._repeat(0.5, self._sweep)
         self.get_logger().info('serves requests')
