@@ -68,6 +68,7 @@ KEYS = {
     "found",
     "purge",
     "ros",
+    "unreported",
     "answers",
 }
 STARTED = "2026-01-01T00:00:00Z"
@@ -262,6 +263,7 @@ def test_plan(path, tmp_path):
             load=quiet,
             purge=case.get("purge", False),
             ros=graphs_of(case),
+            unreported=case.get("unreported", {}),
             images={r: MissingImage(**m) for r, m in case.get("images", {}).items()},
             devices={d: plugged(known[d.identity]) for d in desired.devices if d.identity in known},
         )

@@ -160,17 +160,25 @@ def _from_images(catalog: Catalog, images: Mapping[str, str]) -> Catalog:
 
 
 def _located(catalog: Catalog, run: str) -> Catalog:
-    """Insert the directory of rorg's sockets into containers that call rorg."""
+    """Insert the directory of rorg's sockets into containers that call rorg, or that read parameters from there."""
     services = {}
     for name, service in catalog.services.items():
-        if service.calls and service.spec is not None:
-            spec = {
-                **service.spec,
-                "volumes": [v.replace(RUN, run) if isinstance(v, str) else v for v in service.spec["volumes"]],
-            }
-            spec["environment"] = {k: v.replace(RUN, run) for k, v in service.spec["environment"].items()}
-            services[name] = replace(service, spec=spec)
+        if (service.calls or (service.ros and service.domain is not None)) and service.spec is not None:
+            located = {option: _with(value, run) for option, value in service.spec.items() if option in LOCATED}
+            services[name] = replace(service, spec={**service.spec, **located})
     return replace(catalog, services={**catalog.services, **services}) if services else catalog
+
+
+LOCATED = ("volumes", "environment", "command")
+"""Options that may name the directory of rorg's sockets."""
+
+
+def _with(value: Any, run: str) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _with(item, run) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_with(item, run) for item in value]
+    return value.replace(RUN, run) if isinstance(value, str) else value
 
 
 Uses = Mapping[str, tuple[str, ...]]

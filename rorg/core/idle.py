@@ -170,10 +170,9 @@ def _deactivate(view: View, service: Service, container: Container, why: str) ->
     failed, graph = _failed(view, service, Deactivate), graph_of(service)
     if service.domain is None or not service.managed:
         return [stop(container, why, service)], None
-    if graph not in view.s.ros:
-        until = (view.s.memory.of(service.name).unwanted_since or 0.0) + service.idle.linger + UNREPORTED
-        if view.now < until:
-            return [], until
+    if (since := view.s.unreported.get(graph)) is not None:
+        if view.now < since + UNREPORTED:
+            return [], since + UNREPORTED
         failed = failed or f"nothing reports the graph of {graph}"
     if failed:
         return [stop(container, f"{why}; stop instead of deactivate: {failed}", service)], None

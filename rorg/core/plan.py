@@ -136,7 +136,7 @@ class Plan:
         """Return the canonical text, step by step: what `rorg diff -o wide` prints and planner tests compare."""
         lines: list[str] = []
         named: list[Action | Waiting] = [*self.actions, *self.waitings]
-        width = max((len(n.service) for n in named), default=0)
+        width = max((len(n.service) for n in named), default=0), max([7, *(len(a.verb) for a in self.actions)])
         replaced = ""
         for action in self.actions:
             part = action.part_of is Part.REPLACE
@@ -186,8 +186,9 @@ class Plan:
         ]
 
 
-def _line(verb: str, service: str, width: int, reason: str) -> str:
-    return f"{SYMBOLS[verb]:<3} {verb:<7} {service:<{width}}  {reason}"
+def _line(verb: str, service: str, width: tuple[int, int], reason: str) -> str:
+    """Return a line of a plan; `width` are the widest service and verb."""
+    return f"{SYMBOLS[verb]:<3} {verb:<{width[1]}} {service:<{width[0]}}  {reason}"
 
 
 def _details(action: Action) -> str:

@@ -62,7 +62,9 @@ class Surroundings:
     devices: Mapping[Device, Plugged] = field(default_factory=dict)
     """State of drivers' devices, as far as known. A device that is not listed holds nothing back."""
     ros: Graphs = field(default_factory=dict)
-    """Graphs of the ROS 1 masters that answer."""
+    """Graphs of the ROS 1 masters that answer, and of the ROS 2 domains that are reported."""
+    unreported: Mapping[str, float] = field(default_factory=dict)
+    """Graphs of ROS 2 with managed nodes that nothing reports -> since when."""
     purge: bool = False
     """Volumes are removed with all their data: the robot is taken down and a person ordered it."""
 

@@ -242,6 +242,7 @@ class Loop:
             images=self.images.look(self.tree.desired, self.tree.images) if self.images else {},
             devices=self._devices(),
             ros=self.ros.graphs(self.tree.desired.catalog),
+            unreported=self.ros.unreported(self.tree.desired.catalog),
             purge=document.down and document.purge,
             learned=self.learner.learned,
             cache=self.decision.cache if self.decision else None,

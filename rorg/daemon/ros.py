@@ -14,6 +14,7 @@ from rorg.daemon.ros2_watch import Ros2Watch
 from rorg.daemon.ros_watch import RosWatch
 from rorg.daemon.shared_memory import ShmPurger
 from rorg.model.catalog import Catalog
+from rorg.model.ros import graph_of_domain
 from rorg.probes.ros2_exchange import Ros2Exchange
 from rorg.store.state_dir import StateDir
 
@@ -35,6 +36,11 @@ class Ros:
 
     def graphs(self, catalog: Catalog) -> Graphs:
         return self.ros2.with_graphs(self.masters.graphs, catalog)
+
+    def unreported(self, catalog: Catalog) -> dict[str, float]:
+        """Return graphs of ROS 2 with managed nodes that nothing reports -> since when."""
+        domains = {s.domain for s in catalog.services.values() if s.managed and s.domain is not None}
+        return {graph_of_domain(domain): since for domain, since in self.ros2.exchange.unreported(domains).items()}
 
     def look(self, situation: Situation) -> None:
         """Take over what a pass has found."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
@@ -72,11 +72,11 @@ class Orders:
 class _Domain:
     """What is known of one domain."""
 
-    def __init__(self) -> None:
+    def __init__(self, now: float) -> None:
         self.reporter = self.session = ""
         """Who reports, and in which run of it."""
-        self.called = -1e9
-        """When the reporter called last."""
+        self.called = now
+        """When the reporter called last; before that, when rorg began to know of the domain."""
         self.graph: RosGraph | None = None
         self.states: dict[str, State] = {}
         self.watched: tuple[str, ...] = ()
@@ -120,7 +120,9 @@ class Ros2Exchange:
             known.open.update({id: answer for id, answer in answers.items() if id in known.open})
             changed = report.graph is not None and report.graph != known.graph
             known.graph = report.graph if report.graph is not None else known.graph
-            states = {n: s for n, s in {**known.states, **report.states}.items() if n in known.watched}
+            # What a node was asked before its last transition says nothing about its present state.
+            newer = {n: s for n, s in report.states.items() if n not in known.states or s.at >= known.states[n].at}
+            states = {n: s for n, s in {**known.states, **newer}.items() if n in known.watched}
             changed = changed or _labels(states) != _labels(known.states)
             known.states = states
             self.version += changed
@@ -220,10 +222,10 @@ class Ros2Exchange:
         with self._condition:
             return {**self._domains[domain].states} if domain in self._domains else {}
 
-    def missing(self, domain: int) -> str:
-        """Return why nothing is known of a domain; "" if its reporter is there."""
+    def unreported(self, domains: Iterable[int]) -> dict[int, float]:
+        """Return those of these domains whose reporter is not there -> since when."""
         with self._condition:
-            return self._missing(domain, self._of(domain))
+            return {n: known.called for n in domains if self._missing(n, known := self._of(n))}
 
     def close(self) -> None:
         """End all waiting."""
@@ -240,7 +242,7 @@ class Ros2Exchange:
         return what if not known.session else f"{what} since {self.clock() - known.called:.0f} s"
 
     def _of(self, domain: int) -> _Domain:
-        return self._domains.setdefault(domain, _Domain())
+        return self._domains.setdefault(domain, _Domain(self.clock()))
 
     def _tell(self, domain: int) -> None:
         for listened, call in list(self._listeners.values()):

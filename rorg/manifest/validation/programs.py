@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 from rorg.manifest.validation.robot import Finding, Robot, each
 from rorg.manifest.validation.subject import SHELLS, Subject
+from rorg.model.catalog import RUN
 from rorg.model.diagnostics import HINT
 from rorg.model.image_names import HUB, declared
 
@@ -152,7 +153,7 @@ def _requests(robot: Robot) -> Iterator[Finding]:
 
 
 def _shell_words(subject: Subject) -> Iterator[Finding]:
-    words = tuple(subject.options.get("command") or ())
+    words = tuple(word for word in subject.options.get("command") or () if not word.startswith(RUN))
     if not words or any(w.rpartition("/")[2] in SHELLS for w in subject.words):
         return
     word = _for_a_shell(words)

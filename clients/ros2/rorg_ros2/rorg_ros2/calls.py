@@ -96,10 +96,10 @@ class Calls:
                 ).results
             except NoAnswer:
                 return Answer(False, f'{node} does not answer')
-            refused = [(p.name, r.reason) for p, r in zip(parameters, results) if not r.successful]
-            if refused:
-                name, reason = refused[0]
-                return Answer(False, f'{node} refuses {name}: {reason or "without a reason"}')
+            for parameter, result in zip(parameters, results, strict=True):
+                if not result.successful:
+                    why = result.reason or 'without a reason'
+                    return Answer(False, f'{node} refuses {parameter.name}: {why}')
         return Answer(True)
 
     def _client(self, kind: Any, name: str) -> Client:

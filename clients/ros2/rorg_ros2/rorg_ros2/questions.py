@@ -190,7 +190,7 @@ def _of(problem: str) -> Answer:
 
 
 def _message(name: str) -> Any:
-    """Find the class of a type such as std_msgs/msg/String; None if this image does not have it."""
+    """Find the class of a type such as std_msgs/msg/String; None if this image lacks it."""
     package, _, kind = name.replace('/', '.').rpartition('.')
     try:
         return getattr(importlib.import_module(package), kind, None)

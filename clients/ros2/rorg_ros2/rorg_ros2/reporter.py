@@ -55,7 +55,8 @@ class Reporter:
         # The graph that rorg has.
         self._told: dict[str, Any] | None = None
         self._watched: list[str] = []
-        self._states: dict[str, dict[str, Any]] = {}
+        # When managed nodes were asked last, and their states.
+        self._states: tuple[float, dict[str, str]] = (0.0, {})
         self._turn = threading.Event()
 
     def start(self) -> None:
@@ -85,19 +86,18 @@ class Reporter:
             self._turn.wait(EVERY)
             self._turn.clear()
             if self._watched:
-                began = time.monotonic()
-                labels, before = self.lifecycles.states(self._watched), self._states
-                age = time.monotonic() - began
-                self._states = {n: {'label': label, 'age': age} for n, label in labels.items()}
-                if labels != {node: state['label'] for node, state in before.items()}:
+                began, before = time.monotonic(), self._states[1]
+                self._states = began, self.lifecycles.states(self._watched)
+                if self._states[1] != before:
                     self._send({})
 
     def _report(self, answers: dict[str, Any]) -> dict[str, Any]:
-        graph = self._graph or None
+        graph, (asked, states) = self._graph or None, self._states
+        age = time.monotonic() - asked
         return {
             'session': self.session,
             'graph': None if graph == self._told else graph,
-            'states': self._states,
+            'states': {node: {'label': label, 'age': age} for node, label in states.items()},
             'answers': answers,
         }
 
