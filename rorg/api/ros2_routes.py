@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from typing import Annotated, Any, Literal
 
 from fastapi import FastAPI, Path, Query
@@ -19,6 +20,8 @@ from rorg.probes.ros2_exchange import Orders, Report, State, answer_of
 
 LONGEST = 10.0
 """Seconds that a reporter may wait for orders."""
+GATHER = 0.002
+"""Seconds for which orders are gathered: probes are often due together."""
 Name = Annotated[str, Field(max_length=256)]
 Names = Annotated[list[Name], Field(max_length=5000)]
 Ends = dict[Name, Names]
@@ -101,10 +104,9 @@ def add_ros2(app: FastAPI, operations: Operations) -> None:
                 left = until - asyncio.get_running_loop().time()
                 if orders is not None or left <= 0 or operations.ending:
                     return JSONResponse({"graph": exchange.has_graph(domain, body.session), **_as_json(orders)})
-                try:
+                with contextlib.suppress(TimeoutError):
                     await asyncio.wait_for(turn.wait(), left)
-                except TimeoutError:
-                    continue
+                    await asyncio.sleep(GATHER)
 
 
 def _report(body: PutReport, now: float) -> Report:

@@ -6,9 +6,10 @@ from collections.abc import Collection
 
 from rorg.core.observed import Container
 from rorg.core.plan import Waiting
+from rorg.core.ros_parameters import due
 from rorg.core.situation import View
 from rorg.model.catalog import Service
-from rorg.model.codes import DEVICE, IMAGE, NO_IMAGE
+from rorg.model.codes import DEVICE, IMAGE, NO_IMAGE, PARAMETERS
 
 
 def held_back(view: View, service: Service, changed: Collection[str]) -> Waiting | None:
@@ -40,3 +41,12 @@ def content_to_restart_for(view: View, service: Service, container: Container) -
         return ()
     now = view.desired.contents.get(service.name, {})
     return view.s.memory.of(service.name).update.changed_content(container, now)
+
+
+def left_over(view: View, service: Service, container: Container) -> list[Waiting]:
+    """Return what is not as declared although the container stays: changed files that wait for the next run, and ROS
+    parameters that a running program does not take."""
+    later = deferred(view, service, content_to_restart_for(view, service, container))
+    why = view.s.memory.of(service.name).not_set if container.active and due(view.s, service) else ""
+    refused = Waiting(service.name, f"its ROS parameters are not set: {why}", code=PARAMETERS) if why else None
+    return [waiting for waiting in (later, refused) if waiting]

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from rorg.core.deferred import content_to_restart_for, deferred
+from rorg.core.deferred import left_over
 from rorg.core.devices import NODES, given, nodes_of, replugged
 from rorg.core.diff import Difference, declared_anew, difference
 from rorg.core.digest import Rules, labels
@@ -67,8 +67,7 @@ class _Reconciled:
             steps += self.make_room(swap.old)
         if current:
             steps += adjust(self.view, self.service, *current)
-            later = deferred(self.view, self.service, content_to_restart_for(self.view, self.service, current[0]))
-            self.notes += [later] if later else []
+            self.notes += left_over(self.view, self.service, current[0])
         elif new_name != self.service.container_name and self.s.engine.rename:
             steps.append(Step(Rename(name=self.service.container_name), "it takes over the name"))
         if swap.old and swap.old.alive:

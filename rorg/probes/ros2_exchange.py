@@ -22,6 +22,8 @@ SILENT = 5.0
 """Seconds after which a reporter that has not called counts as gone. It calls every second."""
 ASKING = 3.0
 """Seconds that a reporter has for the answer to a probe."""
+MARGIN = 1.0
+"""Seconds beyond what the reporter has, so that its own reason arrives."""
 ACTIVATING, DEACTIVATING = 60.0, 10.0
 """Seconds for the transitions of one node: configuring may load a map."""
 Values = Mapping[str, object]
@@ -178,7 +180,8 @@ class Ros2Exchange:
             order = Order(f"{next(self._numbers)}", kind, tuple(target), run_age, values or {}, timeout)
             known.waiting[order.id], known.open[order.id] = order, None
             self._tell(domain)
-            answered = self._condition.wait_for(lambda: known.open[order.id] is not None or self._closed, timeout)
+            patience = timeout + MARGIN
+            answered = self._condition.wait_for(lambda: known.open[order.id] is not None or self._closed, patience)
             known.waiting.pop(order.id, None)
             answer = known.open.pop(order.id)
         if answer is not None:

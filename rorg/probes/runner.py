@@ -103,7 +103,7 @@ class ProbeRunner:
         """Set parameters at running nodes; those that start read them from their file."""
         if self.ros2 is None:
             return cannot_ask(NO_LOOP)
-        answer = self.ros2.ask(domain, ROLE, (), values=target.values)
+        answer = self.ros2.ask(domain, target.probe.kind, (), values=target.values)
         if answer.ok:
             self.told(service, target.probe.graph, sorted(target.values))
         return answer

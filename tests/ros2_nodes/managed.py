@@ -7,6 +7,7 @@ import sys
 import time
 
 import rclpy
+import rclpy.utilities
 from rclpy.executors import ExternalShutdownException
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from std_msgs.msg import String
@@ -39,7 +40,8 @@ class Managed(LifecycleNode):
         return self.turn("deactivate", state)
 
 
+words = rclpy.utilities.remove_ros_args(sys.argv)
 rclpy.init()
 with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
-    rclpy.spin(Managed(sys.argv[1], sys.argv[2] if len(sys.argv) > 2 else ""))
+    rclpy.spin(Managed(words[1], words[2] if len(words) > 2 else ""))
 rclpy.try_shutdown()

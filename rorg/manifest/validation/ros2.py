@@ -149,20 +149,20 @@ FIELDS = ("lifecycle", "parameter_files", "remap", "namespace", "domain", "rmw")
 
 
 def _unreported(robot: Robot) -> Iterator[Finding]:
-    """Probes and idle actions that need the graph of a domain which nothing reports."""
+    """Domains that nothing reports, although probes or managed nodes need it: one finding for each."""
     reported = {s.service.domain for s in robot.subjects if s.service.may_report_graph}
     for subject in (s for s in robot.subjects if s.service.domain not in (None, *reported)):
+        managed, asked = subject.service.managed, subject.graph_probes
+        if not (managed or asked):
+            continue
         domain = f"domain {subject.service.domain}"
+        reported.add(subject.service.domain)
+        message = f"nothing reports the graph of {domain}, so rorg cannot " + (
+            f"activate {', '.join(managed)}" if managed else f"ask '{asked[0].probe}' for '{subject.name}'"
+        )
+        where = subject.at("ros", "lifecycle") if managed else subject.at(*asked[0].path)
         remedy = f"a service of {domain} with `may_report_graph: true`, such as the node of clients/ros2"
-        managed = subject.service.managed
-        if managed:
-            message = f"nothing reports the graph of {domain}, so rorg cannot activate {', '.join(managed)}"
-            yield Finding("ros2-graph-unreported", subject.at("ros", "lifecycle"), message, remedy)
-        for asked in () if managed else subject.graph_probes:
-            message = (
-                f"nothing reports the graph of {domain}, so the probe {asked.probe} of '{subject.name}' has no answer"
-            )
-            yield Finding("ros2-graph-unreported", subject.at(*asked.path), message, remedy)
+        yield Finding("ros2-graph-unreported", where, message, remedy)
 
 
 def _of_ros2_only(robot: Robot) -> Iterator[Finding]:

@@ -6,6 +6,7 @@ rorg has no ROS 2 of its own. Each answer here is about a moment after its quest
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 import contextlib
@@ -29,6 +30,8 @@ EVERY = 1.0
 LOOK = 0.25
 # Seconds after which everything is read again, whether it seems new or not.
 WHOLE = 10.0
+# Seconds for which answers are gathered.
+GATHER = 0.002
 # Orders that are carried out at the same time.
 MOST = 32
 # Topics and services that every node has.
@@ -49,7 +52,6 @@ class Reporter:
         self.calls = Calls(node)
         self.lifecycles, self.questions = Lifecycles(self.calls), Questions(node, self.calls)
         self._sending = new_client()
-        self._lock = threading.Lock()
         self._pool = ThreadPoolExecutor(MOST, thread_name_prefix='order')
         self._graph: dict[str, Any] = {}
         # The graph that rorg has.
@@ -57,10 +59,14 @@ class Reporter:
         self._watched: list[str] = []
         # When managed nodes were asked last, and their states.
         self._states: tuple[float, dict[str, str]] = (0.0, {})
+        # Managed nodes are to be asked now.
         self._turn = threading.Event()
+        # There is something to report now: answers by the ids of their orders, or a change.
+        self._news = threading.Event()
+        self._answers: deque[tuple[str, dict[str, Any]]] = deque()
 
     def start(self) -> None:
-        for work in (self._fetch, self._look, self._watch):
+        for work in (self._fetch, self._send, self._look, self._watch):
             threading.Thread(target=self._while_up, args=(work,), daemon=True).start()
 
     # -- what is reported ------------------------------------------------------------------------
@@ -76,7 +82,7 @@ class Reporter:
                     self._graph = graph
                     self.calls.keep(graph['nodes'])
                     self._turn.set()
-                    self._send({})
+                    self._news.set()
                 seen = now
             time.sleep(LOOK)
 
@@ -89,7 +95,7 @@ class Reporter:
                 began, before = time.monotonic(), self._states[1]
                 self._states = began, self.lifecycles.states(self._watched)
                 if self._states[1] != before:
-                    self._send({})
+                    self._news.set()
 
     def _report(self, answers: dict[str, Any]) -> dict[str, Any]:
         graph, (asked, states) = self._graph or None, self._states
@@ -101,9 +107,15 @@ class Reporter:
             'answers': answers,
         }
 
-    def _send(self, answers: dict[str, Any]) -> None:
-        """Report at once."""
-        with self._lock:
+    def _send(self) -> None:
+        """Report whenever there is something new; answers that come together go together."""
+        while self.node.context.ok():
+            self._news.wait()
+            time.sleep(GATHER)
+            self._news.clear()
+            answers = {}
+            while self._answers:
+                answers.update([self._answers.popleft()])
             body = self._report(answers)
             self._take(self._sending.call('POST', self.path, body), body)
 
@@ -130,8 +142,8 @@ class Reporter:
             answer = self._answer(order)
         except Exception as error:  # whatever a middleware raises: rorg must have an answer
             answer = Answer(False, f'{type(error).__name__}: {error}', asked=False)
-        with contextlib.suppress(Error):  # then rorg asks again
-            self._send({order['id']: answer.as_json()})
+        self._answers.append((order['id'], answer.as_json()))
+        self._news.set()
 
     def _answer(self, order: dict[str, Any]) -> Answer:
         kind, target, timeout = order['kind'], order['target'], order['timeout']
