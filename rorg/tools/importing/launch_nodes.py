@@ -10,7 +10,7 @@ from typing import Any
 from rorg.model.bounds import TooMuch
 from rorg.model.diagnostics import Diagnostic
 from rorg.tools.importing.launch_programs import Component, Launch, Node, Process, Remaps, joined
-from rorg.tools.importing.launch_values import Filler, ParameterFile, Scope, Setting, truth
+from rorg.tools.importing.launch_values import Filler, ParameterFile, Parameters, Scope, Setting, truth
 from rorg.tools.importing.launch_words import Refusal
 from rorg.tools.importing.launch_xml import Element
 from rorg.tools.importing.launch_yaml import TYPES, guess, uniform
@@ -74,23 +74,29 @@ class NodeReader:
         """A node, a lifecycle node, or a container with the components that it names."""
         parts = [child for child in element.children if child.tag == "composable_node"]
         components = tuple(self.component(child, scope) for child in parts if self.holds(child, scope))
+        parameters = (*scope.parameters, *self._parameters(element, scope))
+        program = self._program(element, scope)
+        if not components and (file := _between(parameters)):
+            message = f"if {file} names this node, its values win over those that the launch file sets"
+            self.found.append(Diagnostic(element.where, message, severity=NOTE))
+            program["notes"] += (message,)
         return Node(
             package=self.fill(element, "pkg", scope),
             executable=self.required(element, "exec", scope),
             namespace=self.namespace(element, scope),
             arguments=self.filler.words(element.get("args"), scope, element.where),
             ros_arguments=self.filler.words(element.get("ros_args"), scope, element.where),
-            parameters=(*scope.parameters, *self._parameters(element, scope)),
+            parameters=parameters,
             remaps=(*scope.remaps, *self._remaps(element, scope)),
             prefix=self.fill(element, "launch-prefix", scope),
             components=components,
             autostart=element.tag == "lifecycle_node" and truth(self.fill(element, "autostart", scope) or "false"),
-            **self._program(element, scope),
+            **program,
         )
 
     def component(self, element: Element, scope: Scope) -> Component:
         """A node that a container loads."""
-        self._noted(element)
+        self.noted(element)
         self.filler.spend(scope.size, element.where)
         extra = (
             (self.required(child, "name", scope), self.required(child, "value", scope))
@@ -139,10 +145,10 @@ class NodeReader:
             "environment": environment,
             "directory": directory,
             "respawn": truth(self.fill(element, "respawn", scope) or "false"),
-            "notes": self._noted(element, () if directory else ("cwd",)),
+            "notes": self.noted(element, () if directory else ("cwd",)),
         }
 
-    def _noted(self, element: Element, lost: Sequence[str] = ()) -> tuple[str, ...]:
+    def noted(self, element: Element, lost: Sequence[str] = ()) -> tuple[str, ...]:
         """Notes what is not carried over. `lost`: attributes that usually are."""
         carried, notes = CARRIED[element.tag], []
         for child in element.children:
@@ -235,3 +241,16 @@ def _float(item: Any) -> Any:
         return item if isinstance(item, bool) else float(item)
     except (TypeError, ValueError, OverflowError):
         return item
+
+
+def _between(parameters: Parameters) -> str:
+    """A parameter file between two values: ROS 2 joins all values of a command line, at the place of the first."""
+    settings, file = False, ""
+    for one in parameters:
+        if isinstance(one, ParameterFile):
+            file = one.path if settings else ""
+        elif file:
+            return file
+        else:
+            settings = True
+    return ""

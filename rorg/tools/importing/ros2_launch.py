@@ -127,6 +127,7 @@ class LaunchReader:
         self.found.append(Diagnostic(element.where, message, remedy, NOTE))
 
     def _load(self, element: Element, scope: Scope) -> None:
+        self.nodes.noted(element)
         target = joined("/", self.nodes.required(element, "target", scope))
         parts = [child for child in element.children if self.nodes.holds(child, scope)]
         self.loads.append((element, target, tuple(self.nodes.component(child, scope) for child in parts)))
