@@ -105,6 +105,15 @@ def test_left_out_are_only_those_elements_that_cannot_be_carried_over(tmp_path):
     assert "skipped: $(command id)" in skipped.diagnostics[0].message
 
 
+@pytest.mark.parametrize(
+    ("value", "said"), [("'false'", "false"), ("false", "false"), ("2.0", "2.0"), ("'a b'", "a b")]
+)
+def test_a_parameter_of_all_nodes_has_the_type_that_its_text_looks_like_in_yaml_too(value, said, tmp_path):
+    text = f"launch:\n- set_parameter: {{name: x, value: {value}}}\n- node: {{pkg: a, exec: bb}}\n"
+    (made,) = imported_text(tmp_path, text, "big.launch.yaml").manifests
+    assert made.spec["command"][-1] == f"x:={said}"
+
+
 def test_names_of_services_are_distinct_and_none_is_taken(tmp_path):
     nodes = "<node pkg='a' exec='bb'/>" * 3 + "<node pkg='a' exec='bb-2'/><node pkg='a' exec='c' name='developer'/>"
     imported = imported_text(tmp_path, f"<launch>{nodes}</launch>")

@@ -202,11 +202,11 @@ class NodeReader:
         if bool(inner) == ("value" in element.attributes):
             raise Refusal(f"the parameter {name} has neither a value nor parameters inside, or both", "value=...")
         if not inner:
-            yield self.setting(element, scope, name)
+            yield self._setting(element, scope, name)
         for child in inner:
             yield from self._settings(child, scope, f"{name}.")
 
-    def setting(self, element: Element, scope: Scope, name: str) -> Setting:
+    def _setting(self, element: Element, scope: Scope, name: str) -> Setting:
         """A parameter with its value, in the type that ROS 2 gives it."""
         value = self._value(element, scope)
         kind = element.get("type").removeprefix("list_of_")

@@ -23,7 +23,7 @@ MOST_FILLED = 1 << 20
 """Characters that substitutions may add to a launch file and its includes."""
 LATE = re.compile(r"\$\((find-pkg-share|find-pkg-prefix|find-exec) ([A-Za-z0-9_./+-]+)\)")
 """What is found out on the robot, when a service starts."""
-TRUE, FALSE = ("true", "1", "on"), ("false", "0", "off")
+TRUE, FALSE = ("true", "1"), ("false", "0")
 
 
 def mapped(text: str, plain: Callable[[str], str], late: Callable[[re.Match[str]], str]) -> str:

@@ -14,11 +14,11 @@ from rorg.model.bounds import TooMuch
 from rorg.model.diagnostics import Diagnostic, Where
 from rorg.tools.importing.launch_nodes import NodeReader
 from rorg.tools.importing.launch_programs import Component, Node, Program, joined
-from rorg.tools.importing.launch_values import Filler, ParameterFile, Scope, truth
+from rorg.tools.importing.launch_values import Filler, ParameterFile, Scope, Setting, truth
 from rorg.tools.importing.launch_version import other_ros
 from rorg.tools.importing.launch_words import Missing, Refusal
 from rorg.tools.importing.launch_xml import MOST_ELEMENTS, Element, read_launch
-from rorg.tools.importing.launch_yaml import read_yaml_launch
+from rorg.tools.importing.launch_yaml import guess, read_yaml_launch
 from rorg.tools.importing.manifests import NOTE
 
 DEEPEST = 20
@@ -226,8 +226,7 @@ def _set_remap(nodes: NodeReader, element: Element, scope: Scope) -> None:
 
 
 def _set_parameter(nodes: NodeReader, element: Element, scope: Scope) -> None:
-    name = nodes.required(element, "name", scope)
-    scope.parameters += (nodes.setting(element, scope, name),)
+    _set(nodes, element, scope, nodes.required(element, "name", scope))
 
 
 def _parameters_file(nodes: NodeReader, element: Element, scope: Scope) -> None:
@@ -235,7 +234,12 @@ def _parameters_file(nodes: NodeReader, element: Element, scope: Scope) -> None:
 
 
 def _use_sim_time(nodes: NodeReader, element: Element, scope: Scope) -> None:
-    scope.parameters += (nodes.setting(element, scope, "use_sim_time"),)
+    _set(nodes, element, scope, "use_sim_time")
+
+
+def _set(nodes: NodeReader, element: Element, scope: Scope, name: str) -> None:
+    """Sets a parameter of all nodes. Its value is a text, also in YAML, and has the type that it looks like."""
+    scope.parameters += (Setting(name, guess(nodes.required(element, "value", scope))),)
 
 
 _SETTERS: Mapping[str, Callable[[NodeReader, Element, Scope], None]] = {
