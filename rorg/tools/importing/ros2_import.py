@@ -59,6 +59,11 @@ def from_ros2(
 
 def _python(reader: LaunchReader, path: Path, arguments: Mapping[str, str], where: Where) -> None:
     """A launch file in Python is a program, which an import does not run."""
+    try:
+        reader.filler.packages.read(path)
+    except OSError as error:
+        reader.found.append(Diagnostic(where, f"cannot read {path}: {error.strerror}", "an existing file"))
+        return
     message = f"{path.name} is written in Python, which an import does not run, so it becomes one service"
     remedy = "a launch file in XML or YAML that includes it, for parts of their own"
     reader.found.append(Diagnostic(where, message, remedy, NOTE))

@@ -159,14 +159,21 @@ class LaunchReader:
             passed[self.nodes.required(child, "name", scope)] = self.nodes.fill(child, "value", scope)
         scope.variables |= passed
         here = self.filler.packages.here(file)
-        if here is None or here.suffix == ".py":
-            self._whole(element, scope, file)
-        elif not here.is_absolute():
+        if here is not None and not here.is_absolute():
             raise Refusal(f"{file} is relative to where `ros2 launch` starts", f"$(dirname)/{file}")
+        if here is None or here.suffix == ".py":
+            self._whole(element, scope, file, here)
         else:
             self.file(Path(os.path.normpath(here)), scope, element.where, depth + 1)
 
-    def _whole(self, element: Element, scope: Scope, file: str) -> None:
+    def _whole(self, element: Element, scope: Scope, file: str, here: Path | None) -> None:
+        try:
+            if here is not None:
+                self.filler.packages.read(here)
+        except FileNotFoundError as error:
+            raise Missing(f"cannot read {here}: {error.strerror}", "an existing file") from error
+        except OSError:
+            pass  # it is there; nothing of it is needed here
         why = "is written in Python" if file.endswith(".py") else "is in another package"
         message = f"{file} {why}, so it becomes one service that runs `ros2 launch`"
         self._note(element, message)
