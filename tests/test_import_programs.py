@@ -127,7 +127,7 @@ LAUNCH = """\
 </launch>
 """
 FILES = {
-    "/ws/mypkg/package.xml": "<package><name>mypkg</name></package>",
+    "/ws/mypkg/package.xml": "<package><name>mypkg</name><buildtool_depend>catkin</buildtool_depend></package>",
     "/ws/mypkg/launch/nav.launch": LAUNCH,
     "/ws/mypkg/launch/inc.launch": '<launch><arg name="x"/><node pkg="q" type="q" name="cam$(arg x)"/></launch>',
     "/ws/mypkg/launch/ring.launch": '<launch><include file="$(dirname)/ring.launch"/></launch>',

@@ -14,7 +14,6 @@ from rorg.manifest.load import load
 from rorg.manifest.yaml_text import plain
 from rorg.tools.compose import load as read_project
 from rorg.tools.importing.compose import from_compose
-from rorg.tools.importing.roslaunch import from_roslaunch
 from rorg.tools.importing.systemd import from_systemd
 
 HEAD = "name: bot\nservices:\n  nav:\n    image: lab/nav\n    network_mode: host\n    "
@@ -232,31 +231,6 @@ def test_units_that_cannot_be_carried_over_can_be_left_out(tmp_path):
     done = commands.run(["import", "systemd", "new@a.service"], dict(os.environ), tmp_path)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "manifests/services/new-a.yaml").exists()
-
-
-ROS2 = {
-    "nav.launch.py": "from launch import LaunchDescription\n",
-    "nav.launch.yaml": "launch:\n- node: {pkg: nav2_planner, exec: planner_server}\n",
-    "nav.launch.xml": '<launch><node pkg="nav2_planner" exec="planner_server"/></launch>\n',
-    "sub.launch.xml": '<launch><include file="$(find-pkg-share nav2_bringup)/launch/nav.py"/></launch>\n',
-    "nav.launch": "<launch>\n  <let name='x' value='y'/>\n</launch>\n",
-}
-
-
-@pytest.mark.parametrize("name", ROS2)
-def test_a_launch_file_of_ros_2_is_refused_with_what_to_write(name):
-    files = {f"/ws/bot/launch/{name}": ROS2[name], "/ws/bot/package.xml": "<package><name>bot</name></package>"}
-
-    def read(path: Path) -> str:
-        if str(path) not in files:
-            raise FileNotFoundError(2, "No such file", str(path))
-        return files[str(path)]
-
-    found = from_roslaunch(Path("/ws/bot/launch") / name, read, {"map": "lab"})
-    assert not found.manifests
-    (error,) = found.errors
-    assert "is a launch file of ROS 2" in error.message
-    assert error.remedy == f"a Service with `command: [ros2, launch, bot, {name}, map:=lab]` and `profile: ros2`"
 
 
 def test_skipped_services_are_not_needed_and_builds_say_which_image(tmp_path):

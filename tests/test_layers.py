@@ -46,7 +46,7 @@ IMPURE = {"os", "time", "random", "subprocess", "socket", "threading", "pathlib"
 """Of the standard library: what asks the world. model may have datetime, to write times, not to ask for them."""
 DIRECT: dict[str, set[str]] = {
     "cli": {"psutil", "pygraphviz", "rich", "rorg_client", "yaml"},
-    "tools/importing": set(),
+    "tools/importing": {"yaml"},
     "api": {"fastapi", "prometheus_client", "pydantic", "starlette", "uvicorn"},
     "tools/sim": {"matplotlib"},
     "daemon": set(),

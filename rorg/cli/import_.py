@@ -51,6 +51,9 @@ def command(
     env_file: Annotated[list[str], Option("For compose: read this file instead of .env.", completes=FILES)] = [],  # noqa: B006
     profile: Annotated[list[str], Option("For compose: include services of this profile.")] = [],  # noqa: B006
     project_name: Annotated[str, Option("For compose: name of the project.")] = "",
+    ros: Annotated[
+        str, Option("For roslaunch: the ROS of the launch file, if the file does not tell.", choices=("1", "2"))
+    ] = "",
     image: Annotated[str, Option("For systemd and roslaunch: the image of the services.")] = "",
     also: Also = [],  # noqa: B006
     output: Annotated[Path, Option("Directory to write the manifests to.", completes=DIRECTORIES)] = Path("manifests"),
@@ -58,7 +61,7 @@ def command(
     skip: Skip = False,
     form: Annotated[str, Option("table, wide, name, yaml or json.", names=("-o",), choices=FORMS)] = "table",
 ) -> None:
-    """Write manifests for a Compose project, systemd units or a launch file of ROS 1. Every change or loss is noted. If
+    """Write manifests for a Compose project, systemd units or a launch file. Every change or loss is noted. If
     something cannot be carried over, rorg lists all of it and writes nothing. Then validate the manifests: exit code 0
     means that `rorg validate` accepts them.
 
@@ -74,7 +77,7 @@ def command(
     elif what == "systemd":
         imported = _systemd([Path(f) for f in files], image, output, skip)
     else:
-        imported = _roslaunch(Path(files[0]), files[1:], image, output, named)
+        imported = _roslaunch(Path(files[0]), files[1:], image, output, named=named, ros=int(ros or 0), skip=skip)
     if imported.errors:
         _refuse(imported, what, form)
     _write(imported, output, force)
@@ -149,7 +152,9 @@ def _systemd(paths: list[Path], image: str, output: Path, skip: bool) -> Importe
     return from_systemd(texts, image, output.resolve(), skip)
 
 
-def _roslaunch(path: Path, words: list[str], image: str, output: Path, named: list[Path]) -> Imported:
+def _roslaunch(
+    path: Path, words: list[str], image: str, output: Path, *, named: list[Path], ros: int, skip: bool
+) -> Imported:
     from rorg.manifest.files import Reader
     from rorg.tools.importing.roslaunch import from_roslaunch
 
@@ -158,7 +163,8 @@ def _roslaunch(path: Path, words: list[str], image: str, output: Path, named: li
         raise Invalid(f"import {path}", f"'{wrong}' is not an argument of a launch file", "ARG:=VALUE")
     arguments = dict(word.split(":=", 1) for word in words)
     read = Reader(_project_folder(path), [path, *named])
-    return from_roslaunch(path, read, arguments, image, with_master=not (output / "services/roscore.yaml").exists())
+    with_master = not (output / "services/roscore.yaml").exists()
+    return from_roslaunch(path, read, arguments, image, with_master, ros=ros, environment=os.environ, skip=skip)
 
 
 def _refuse(imported: Imported, what: str, form: str) -> NoReturn:

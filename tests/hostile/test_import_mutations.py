@@ -52,6 +52,56 @@ LAUNCH_WORDS = (
     '<include file="/etc/shadow"/>', "<!DOCTYPE a [", "<![CDATA[", '<!DOCTYPE a [<!ENTITY b "c">]>', "&b;", "&#0;",
     "&#x10ffff;", '<node name="n" pkg="p" type="t"/>', "<!--", "-->", "<launch>",
 )  # fmt: skip
+LAUNCHES2 = {
+    "nav.launch.xml": """\
+<launch>
+  <arg name="map"/>
+  <arg name="ns" default="$(env NS a)"/>
+  <let name="both" value="$(var map)/$(var ns)"/>
+  <group>
+    <push_ros_namespace namespace="$(var ns)"/>
+    <set_parameter name="use_sim_time" value="true"/>
+    <node pkg="p" exec="e" name="n" args="--a '$(var both)'" if="$(eval &quot;'$(var ns)' == 'a'&quot;)">
+      <param name="x"><param name="y" value="[1, 2]"/></param>
+      <param from="$(find-pkg-share robot)/x.yaml"/>
+      <remap from="a" to="b"/>
+    </node>
+    <node_container pkg="p" exec="e" name="c" namespace="">
+      <composable_node pkg="p" plugin="p::C" name="d"/>
+    </node_container>
+  </group>
+  <include file="$(dirname)/inner.launch.yaml"/>
+</launch>
+""",
+    "inner.launch.yaml": """\
+launch:
+- arg: {name: x, default: '1'}
+- set_env: {name: A, value: $(dirname)/b}
+- node:
+    pkg: q
+    exec: e
+    param:
+    - {name: a, value: [1.5, 2]}
+    - {from: $(dirname)/y.yaml, allow_substs: true}
+- load_composable_node:
+    target: a/c
+    composable_node:
+    - {pkg: q, plugin: 'q::D'}
+- executable: {cmd: 'echo $(var x)', shell: true}
+""",
+    "package.xml": "<package>\n  <name>robot</name>\n  <buildtool_depend>ament_cmake</buildtool_depend>\n</package>\n",
+}
+LAUNCH2_WORDS = (
+    '<include file="$(dirname)/nav.launch.xml"/>', "<group>", "</group>",
+    '<let name="map" value="$(var map)$(var map)"/>',
+    "- include: {file: $(dirname)/inner.launch.yaml}", "- group: &a [group: *a]",
+    "  - let: {name: x, value: $(var x)$(var x)}",
+    "$(var x)", "$(eval '1 + 1')", "$(eval '", "$(command id)", "$(not $(var x))", "$(find-pkg-share robot)",
+    "$(find-exec a)", "!!python/name:os.system x", "<<: *a", "\\$(", "\ue0000\ue001", "value: .nan",
+    "- timer: {period: 1, children: []}",
+    '<node pkg="p" exec="e"/>', '<lifecycle_node pkg="p" exec="e" name="l" autostart="true"/>',
+    "&#10;", "type: list_of_str",
+)  # fmt: skip
 UNIT = """\
 [Unit]
 Description=Navigation
@@ -224,6 +274,16 @@ def test_mutated_launch_files_are_imported_or_refused(tmp_path):
         is_whole(imported, tmp_path, case.number)
 
     fuzz("launches", 60, projects(tmp_path, LAUNCHES, LAUNCH_WORDS, attempt))
+
+
+@pytest.mark.fuzz
+def test_mutated_launch_files_of_ros_2_are_imported_or_refused(tmp_path):
+    def attempt(case: Case) -> None:
+        skip = case.number % 2 == 0
+        imported = from_roslaunch(tmp_path / "nav.launch.xml", Reader(tmp_path), {"map": "m"}, ros=2, skip=skip)
+        is_whole(imported, tmp_path, case.number)
+
+    fuzz("launches2", 60, projects(tmp_path, LAUNCHES2, LAUNCH2_WORDS, attempt))
 
 
 @pytest.mark.fuzz

@@ -1,11 +1,11 @@
-"""Reads launch files of ROS 1, and recognizes those of ROS 2."""
+"""Reads launch files in XML."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 from xml.parsers import expat
 
 from rorg.model.bounds import TooMuch
@@ -25,6 +25,8 @@ class Element:
     attributes: Mapping[str, str]
     where: Where
     children: list[Element] = field(default_factory=list)
+    literals: Mapping[str, Any] = field(default_factory=dict)
+    """Attributes whose type the file itself gives, as YAML does: numbers, true and false, plain texts and lists."""
 
     def get(self, name: str, otherwise: str = "") -> str:
         """The value of an attribute."""
@@ -67,15 +69,3 @@ def read_launch(path: Path, text: str) -> Element | Diagnostic:
     if root.tag != "launch":
         return Diagnostic(root.where, f"it starts with <{root.tag}>", "<launch>")
     return root
-
-
-_ROS2 = re.compile(
-    r"<node\b[^>]*\bexec\s*=|\$\((?:var|find-pkg-share|find-pkg-prefix|launch-prefix)\s|"
-    r"<(?:executable|let|node_container|composable_node|load_composable_node|push[_-]ros[_-]namespace|set_parameter)\b"
-)
-"""What only XML launch files of ROS 2 contain."""
-
-
-def of_ros2(path: Path, text: str) -> bool:
-    """Whether a launch file is one of ROS 2: in Python, in YAML, or in its form of XML."""
-    return path.suffix in (".py", ".yaml", ".yml") or bool(_ROS2.search(text))

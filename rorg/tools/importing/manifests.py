@@ -92,6 +92,12 @@ class Imported:
         return {**{made.path: made.text for made in self.manifests}, **self.files}
 
 
+def manifest_name(text: str) -> str:
+    """A valid name of a manifest, from the name of a file or a node."""
+    name = re.sub(r"[^A-Za-z0-9_.-]", "-", text).strip("._-")[:60]
+    return name if len(name) > 1 else f"{name}-launch".lstrip("-")
+
+
 _PART = re.compile(r"\..*\.part([0-9]+)")
 """The name of an unfinished directory. A killed import leaves one behind; the next import removes it."""
 
