@@ -48,7 +48,7 @@ class Status:
     lowered: bool = False
     """It leaves the CPU to others because of pressure."""
     ros_nodes: tuple[str, ...] = ()
-    """ROS nodes that it runs: that of its readiness probe, and those in its label `ros_nodes`."""
+    """ROS nodes that it runs: that of its readiness probe, its managed ones, and those in its label `ros_nodes`."""
     withheld: str = ""
     """Why it stays although it is no longer declared."""
     driver: bool = False
@@ -202,7 +202,7 @@ def ros_nodes(service: Service) -> tuple[str, ...]:
     """Return the names of its ROS nodes, as far as declared."""
     asked = service.ready.questions if service.ready else ()
     ready = [str(probe.target) for probe in asked if probe.kind == "ros_node"]
-    return tuple(dict.fromkeys([*ready, *service.labels.get("ros_nodes", "").split()]))
+    return tuple(dict.fromkeys([*ready, *service.managed, *service.labels.get("ros_nodes", "").split()]))
 
 
 def _health(is_wanted: bool, ready: bool, reason: str, stalled: bool) -> str:
