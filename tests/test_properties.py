@@ -64,6 +64,16 @@ UNEVENTFUL = 4
 """One of so many passes that repeat the pass before is compared with one that keeps nothing."""
 
 
+HARDER = {"deactivate": ["pause", "stop", "remove"], "pause": ["stop", "remove"], "stop": ["remove"]}
+"""What may follow after an idle action."""
+PARAMETERS = [None, None, {"parameters": {"/speed": 0.5}}]
+
+
+def managed(name: str) -> dict:
+    """What makes a service one of ROS 2 with a managed node."""
+    return {"profile": "ros2", "command": "nav", "ros": {"lifecycle": [f"/{name}"]}}
+
+
 @st.composite
 def services(draw):
     """Trees without cycles, and without services that could never run: one needs only earlier ones, and nothing that
@@ -78,14 +88,14 @@ def services(draw):
             needs += [need] if len(used) == len(set(used)) else []
         others = [n for n in NAMES[:index] if n not in below(found, needs)]
         idle = {
-            "action": draw(st.sampled_from(["pause", "stop", "remove"])),
+            "action": draw(st.sampled_from(["pause", "deactivate", "stop", "remove"])),
             "linger": draw(st.sampled_from(["0s", "1s", "5s"])),
             "min_active": draw(st.sampled_from(["0s", "2s"])),
         }
         if idle["action"] != "remove" and draw(st.integers(0, 2)) == 0:
             idle["escalate"] = {
                 "after": "3s",
-                "action": draw(st.sampled_from(["stop", "remove"])) if idle["action"] == "pause" else "remove",
+                "action": draw(st.sampled_from(HARDER[idle["action"]])),
             }
         how = draw(st.sampled_from([None, None, "network_mode", "pid", "volumes_from"])) if needs else None
         found[name] = {
@@ -99,7 +109,7 @@ def services(draw):
             "driver": draw(
                 st.sampled_from([None, None, None, {"devices": [DEVICE]}, {"devices": [DEVICE], "unplugged": "keep"}])
             ),
-            "ros": draw(st.sampled_from([None, None, {"parameters": {"/speed": 0.5}}])),
+            **(managed(name) if idle["action"] == "deactivate" else {"ros": draw(st.sampled_from(PARAMETERS))}),
             "priority": draw(st.sampled_from([20, 50, 80])),
             "protected": draw(st.integers(0, 4)) == 0,
             "exclusive": exclusive,
@@ -142,6 +152,7 @@ VERBS = (
     "release",
     "kill",
     "pause",
+    "rest",
     "hang",
     "slow",
     "freeze",
@@ -451,8 +462,11 @@ def at_rest(robot: SimRobot, world: World) -> None:
         if name not in situation.wanted and name not in loops:
             idle = world.specs[name]["idle"]
             allowed = {"pause": ("paused", "created", "exited"), "stop": ("created", "exited"), "remove": ()}
+            allowed["deactivate"] = ("inactive", *allowed["pause"])
             assert state in allowed[idle["action"]], (name, state)
-            assert not (state == "paused" and "escalate" in idle), f"{name} was never stopped"
+            further = idle.get("escalate", {}).get("action")
+            stays = {None: ("inactive", "paused"), "pause": ("paused",)}.get(further, ())
+            assert state not in {"inactive", "paused"} - {*stays}, f"{name} went no further"
     for name in robot.states():
         known = [c for c in robot.engine.list() if c.service == name]
         assert len(known) == 1 or name in waiting or kept(known), "two containers of a service"
@@ -698,7 +712,7 @@ def disturb(robot: SimRobot, verb: str, name: str, world: World) -> None:
         replug(robot, verb)
     elif verb in ("hang", "slow", "refuse", "outage", "load", "unload", "lock", "unlock"):
         spoil(robot, verb, name, world)
-    elif verb in ("kill", "pause", "freeze", "thaw", "request_as", "removing"):
+    elif verb in ("kill", "pause", "rest", "freeze", "thaw", "request_as", "removing"):
         current = next((c for c in robot.engine.list() if c.service == name and (c.alive or verb == "removing")), None)
         if current:
             meddle(robot, verb, current)
@@ -814,6 +828,9 @@ def meddle(robot: SimRobot, verb: str, current: Container) -> None:
     elif verb == "pause":
         with contextlib.suppress(RorgError):
             robot.engine.pause(current.id)
+    elif verb == "rest":  # somebody deactivates its node
+        with contextlib.suppress(RorgError):
+            robot.engine.deactivate(current.id, 0, ())
 
 
 def test_a_hold_that_is_made_longer_is_told_so(tmp_path):

@@ -98,7 +98,7 @@ def nearest(name: str, known: Iterable[str], cutoff: float = 0.6) -> str:
     names = sorted(known)
     if close := close_to(name, names, cutoff):
         return f"'{close}'"
-    return f"one of {', '.join(names)}" if names and len(names) <= 12 else ""
+    return f"one of {', '.join(names)}" if names and len(names) <= 20 else ""
 
 
 def unknown(where: Where, what: str, name: str, known: Iterable[str]) -> Diagnostic:
