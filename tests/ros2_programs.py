@@ -74,11 +74,11 @@ def domain_of_its_own() -> Iterator[int]:
 class Hand:
     """A person's container: programs of ROS 2 that no service runs."""
 
-    def __init__(self, ros2: Ros2, folder: Path) -> None:
+    def __init__(self, ros2: Ros2, folder: Path, *mounts: str) -> None:
         self.api = docker.APIClient(ros2.host, version="auto")
         options = ros2.container(folder)
         environment = {**options["environment"], "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-        binds = options["volumes"]
+        binds = [*options["volumes"], *mounts]
         host = self.api.create_host_config(network_mode="host", ipc_mode="host", binds=binds, init=True)
         words = {"environment": environment, "host_config": host}
         self.id = self.api.create_container(ros2.image, ["sleep", "1200"], **words)["Id"]

@@ -51,8 +51,8 @@ def write(file, value):
     os.rename(file + ".new", file)
 
 
-def stay(node):
+def stay(node, executor=None):
     """Until a signal ends it."""
     with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
-        rclpy.spin(node)
+        rclpy.spin(node, executor)
     rclpy.try_shutdown()
