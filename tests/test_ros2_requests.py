@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from robots import RealRobot, write_tree
@@ -39,7 +40,7 @@ def robot(dockerd, ros2: Ros2, tmp_path) -> Iterator[RealRobot]:
         "rorg_ros2": ros2.node(tmp_path, may_request=["lamp"]),
         "tour": caller("cycles", f"cycles.py /told/cycles camera {CYCLES}", "camera"),
         "waiter": caller("waiter", "ask.py /told/waiter waiter lamp slow", "slow"),
-        "sleeper": caller("sleeper", "ask.py /told/sleeper sleeper camera", "camera", **PAUSE),
+        "sleeper": caller("sleeper", "sleeper.py /told/sleeper camera", "camera", **PAUSE),
         "crowd": caller("crowd", f"crowd.py /told/crowd {CROWD} never", "never"),
     }
     write_tree(found.tree, tree)
@@ -63,39 +64,55 @@ def test_callers_get_through_the_end_of_the_node_and_of_rorg(robot, hand, tmp_pa
     robot.wait(lambda: (tmp_path / "sleeper").exists())
     assert held(robot) == {"developer": ["tour", "sleeper"], "tour": ["camera"], "sleeper": ["camera"]}
 
-    assert call(hand, "request", id="x", services=["lamp"], wait=30.0)["lease"] == 60.0
-    assert held(robot)["rorg_ros2"] == ["lamp"], "though its caller is gone"
-    assert call(hand, "release", id="x")["message"] == "released", "by another call of the same hand"
     hand.run("python3", "/nodes/ask.py", "/told/laptop", "laptop", "lamp", detach=True)
     robot.wait(lambda: (tmp_path / "laptop").exists())
     assert read(tmp_path / "laptop") == [[True, "requested lamp"]]
     assert held(robot)["rorg_ros2"] == ["lamp"]
-    kill_node(robot)
-
-    robot.release("sleep")
     hand.run("pkill", "-KILL", "-f", "ask.py")
+    robot.release("sleep")
     robot.wait(lambda: robot.states()["sleeper"] == "paused")
+    crowd(robot, tmp_path)
+    restart_rorg(robot, tmp_path)
+    robot.wait(lambda: "rorg_ros2" not in held(robot), 60)  # what the laptop held
+
+    robot.request("sleeper", id="sleep")
+    robot.wait(lambda: (tmp_path / "sleeper.again").exists(), 30)
+    assert read(tmp_path / "sleeper.again") == [[True, "requested camera"]], "it slept too long to keep its name"
+    by_hand(robot, hand)
+    kill_node(robot)
+    assert held(robot)["waiter"] == ["slow"]
+    assert held(robot)["tour"] == held(robot)["sleeper"] == ["camera"]
+
+
+def by_hand(robot: RealRobot, hand: Hand) -> None:
+    assert call(hand, "request", id="x", services=["lamp"], wait=30.0)["lease"] == 60.0
+    assert held(robot)["rorg_ros2"] == ["lamp"], "though its caller is gone"
+    assert call(hand, "release", id="x")["message"] == "released", "by another call of the same hand"
+    assert "rorg_ros2" not in held(robot)
+    assert call(hand, "request", id="x", services=["lamp"], wait=30.0)["success"]
+
+
+def crowd(robot: RealRobot, folder: Path) -> None:
+    """Calls that wait hold up no others."""
     robot.request("crowd", id="crowd")
-    robot.wait(lambda: (tmp_path / "crowd").exists(), 60)
-    seconds, answered = read(tmp_path / "crowd")
-    assert (seconds < 10, answered) == (True, 0), "calls that wait hold up no others"
+    robot.wait(lambda: (folder / "crowd").exists(), 60)
+    seconds, answered = read(folder / "crowd")
+    assert (seconds < 10, answered) == (True, 0)
     robot.release("crowd")
 
+
+def restart_rorg(robot: RealRobot, folder: Path) -> None:
+    """While a caller waits."""
     robot.request("waiter", id="wait")
     robot.wait(lambda: "slow" in robot.active(), 60)
     for kill in (True, False):
         robot.rorg.end(kill)
         robot.rorg.start()
         robot.wait(lambda: robot.client().service("slow")["wanted"])
-    robot.wait(lambda: (tmp_path / "waiter").exists(), 60)
-    light, slow = read(tmp_path / "waiter")
+    robot.wait(lambda: (folder / "waiter").exists(), 60)
+    light, slow = read(folder / "waiter")
     assert slow == [True, "requested slow"]
     assert "waiter may request slow" in light[1]
-    robot.wait(lambda: "rorg_ros2" not in held(robot), 60)  # the laptop's, whose node was killed
-    robot.request("sleeper", id="sleep")
-    robot.wait(lambda: robot.states()["sleeper"] == "running")
-    assert held(robot)["waiter"] == ["slow"]
-    assert held(robot)["tour"] == held(robot)["sleeper"] == ["camera"]
 
 
 def kill_node(robot: RealRobot) -> None:

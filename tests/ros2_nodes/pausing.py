@@ -18,7 +18,7 @@ TOPICS = {
 """Published by the peer, 20 times a second."""
 FULL = QoSProfile(history=HistoryPolicy.KEEP_ALL, reliability=RELIABLE)
 STATIC = QoSProfile(depth=1, reliability=RELIABLE, durability=LATCHED)
-LEASE = 1.0
+LEASE = 2.0
 ALIVE = QoSProfile(depth=1, liveliness=LivelinessPolicy.AUTOMATIC, liveliness_lease_duration=Duration(seconds=LEASE))
 
 
