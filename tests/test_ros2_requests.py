@@ -46,6 +46,7 @@ def robot(dockerd, ros2: Ros2, tmp_path) -> Iterator[RealRobot]:
     write_tree(found.tree, tree)
     found.rorg = Rorg(found)
     yield found
+    print(found.engine.api().logs(found.container("sleeper").id).decode())
     found.rorg.end()
     print("\n".join(found.rorg.log.read_text().splitlines()[-60:]))
     found.close()
