@@ -3,6 +3,7 @@ pausing_peer.py FOLDER."""
 
 import pathlib
 import sys
+import threading
 import time
 
 import rclpy
@@ -10,6 +11,7 @@ from caller import stay
 from pausing import ALIVE, FULL, TOPICS, Log, topic
 from rclpy.action import ActionClient
 from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_msgs.msg import Float64, String
 from std_srvs.srv import Empty
@@ -80,8 +82,11 @@ def burst(label):
     log.note(f"burst {label} ends")
 
 
+# In a node of its own: an event that comes while the executor is busy with others is lost.
+listener = Node("listener")
 events = SubscriptionEventCallbacks(liveliness=lambda event: log.note("alive", event.alive_count))
-node.create_subscription(String, "/alive", lambda message: None, ALIVE, event_callbacks=events)
+listener.create_subscription(String, "/alive", lambda message: None, ALIVE, event_callbacks=events)
+threading.Thread(target=rclpy.spin, args=(listener, SingleThreadedExecutor()), daemon=True).start()
 node.create_timer(0.05, publish_all)
 node.create_timer(0.05, watch)
 node.create_timer(0.02, obey)
