@@ -24,13 +24,16 @@ class Ros2:
     package: Path
     domain: int
     mounts: tuple[str, ...] = ()
+    entry: tuple[str, ...] = ()
+    """What begins a command that is run inside a container."""
 
     def container(self, folder: Path) -> dict:
         """Options of a container in which /told is the folder."""
+        (python,) = (self.package / "lib").glob("python3.*")
         return {
             "environment": {
                 "ROS_DOMAIN_ID": str(self.domain),
-                "PYTHONPATH": "/rorg_ros2/lib/python3.11/site-packages:/program",
+                "PYTHONPATH": f"/rorg_ros2/lib/{python.name}/site-packages:/program",
             },
             "volumes": [
                 *self.mounts,
@@ -75,7 +78,7 @@ class Hand:
     """A person's container: programs of ROS 2 that no service runs."""
 
     def __init__(self, ros2: Ros2, folder: Path, *mounts: str) -> None:
-        self.api = docker.APIClient(ros2.host, version="auto")
+        self.api, self.entry = docker.APIClient(ros2.host, version="auto"), ros2.entry
         options = ros2.container(folder)
         environment = {**options["environment"], "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
         binds = [*options["volumes"], *mounts]
@@ -85,7 +88,7 @@ class Hand:
         self.api.start(self.id)
 
     def run(self, *command: str, detach: bool = False) -> str:
-        made = self.api.exec_create(self.id, list(command))["Id"]
+        made = self.api.exec_create(self.id, [*self.entry, *command])["Id"]
         return (self.api.exec_start(made, detach=detach) or b"").decode()
 
     def close(self) -> None:

@@ -8,9 +8,13 @@ from pathlib import Path
 import pytest
 from conftest import free_port
 from robots import RealRobot
-from ros2_programs import Ros2, read
+from ros2_programs import Hand, Ros2, read
 
 pytestmark = pytest.mark.docker
+REQUEST_ID = """
+from rclpy.impl.implementation_singleton import rclpy_implementation
+print(dir(rclpy_implementation.rmw_request_id_t))
+"""
 CAMERA = "python3 /nodes/talker.py camera"
 
 
@@ -43,6 +47,20 @@ def robot(dockerd, ros2: Ros2, port, tmp_path) -> Iterator[RealRobot]:
     found.declare(tree, policies={"robot": {"notify": [target]}})
     yield found
     found.close()
+
+
+def test_rclpy_does_not_tell_a_server_who_calls(ros2, tmp_path):
+    """If this fails, the node can check the names of callers: see SECURITY.md."""
+    hand = Hand(ros2, tmp_path)
+    try:
+        code = (
+            "from rclpy.impl.implementation_singleton import rclpy_implementation as i; print(dir(i.rmw_request_id_t))"
+        )
+        said = hand.run("python3", "-c", code)
+    finally:
+        hand.close()
+    assert "sequence_number" in said
+    assert "guid" not in said
 
 
 def answer(robot: RealRobot, file: Path) -> dict:
