@@ -93,6 +93,7 @@ def test_requests_through_ros2_live_as_long_as_their_caller(robot, tmp_path):
     assert told["get_removed"][0] is False
     assert {r.requester for r in robot.requests()} == {"developer", "behaviour"}
     before = [r for r in robot.requests() if r.requester == "behaviour"]
+    robot.wait(lambda: robot.client().service("camera")["health"] == "Healthy")  # it was restarted
     robot.request("impostor", id="steal")
     for done, message in answer(robot, tmp_path / "impostor").values():
         assert done is False

@@ -15,7 +15,7 @@ MISSING = 5.0
 # States of services whose nodes are there.
 ALIVE = ('running', 'paused')
 # Seconds that the graph may take to show a node that calls.
-DISCOVERY = 3.0
+DISCOVERY = 2.0
 
 
 class Ros2Graph(Graph):
@@ -63,13 +63,16 @@ class Ros2Graph(Graph):
     def check_caller(self, caller: str, service: str) -> None:
         """Raise Forbidden if a caller names a node that has no client of the service."""
         end = time.monotonic() + DISCOVERY
-        while caller and not (self._has_client(caller, service) or self._lost_its_name(caller)):
+        while caller and not self._has_client(caller, service):
             if time.monotonic() > end:
+                if self._lost_its_name(caller):
+                    return
                 why, remedy = f'no node of this name has a client of {service}', "your node's name"
                 raise Forbidden(f'cannot call as {caller}', why, remedy, 'forbidden', 403)
             time.sleep(0.05)
 
     def _lost_its_name(self, node: str) -> bool:
+        """Tell whether it may be one that was paused; DISCOVERY later, none is only starting."""
         return node not in self.discovered() and node in self.declared()
 
     def _has_client(self, node: str, service: str) -> bool:
