@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: site demo test engines properties fuzz soak lint types bench corpus schemas docs evaluation constraints deb arm clean
+.PHONY: site demo test engines properties fuzz soak ros2 lint types bench corpus schemas docs evaluation constraints deb arm clean
 
 # Debian keeps the venv of its Python in a package of its own; .ci/venv sees to that.
 $(BIN)/rorg: pyproject.toml
@@ -37,6 +37,10 @@ fuzz: $(VENV)/test-installed
 # minutes for each. A failure names its seed, and RORG_TEST_SEED=N draws the same examples again.
 properties: $(VENV)/test-installed
 	RORG_TEST_EXAMPLES=$(or $(EXAMPLES),1000) $(BIN)/pytest tests/test_properties.py $(ARGS)
+
+# ROS 2: a thousand requests and releases through its node, and what pausing does to peers (docs/how-to/ros2.md).
+ros2: $(VENV)/test-installed
+	RORG_TEST_ROS_CYCLES=$(or $(CYCLES),1000) $(BIN)/pytest -s tests/test_ros2_*.py tests/bench/test_ros2_pausing.py -o norecursedirs=x $(ARGS)
 
 # Steady work on a robot of twenty services for MINUTES: how memory, descriptors and threads change over its second
 # half, and whether what runs is what is asked for. `make test` does the same for some seconds.

@@ -209,15 +209,18 @@ colcon build --merge-install --install-base /out"""
 
 @pytest.fixture(scope="session")
 def ros2(dockerd, tmp_path_factory) -> Iterator[Ros2]:
-    """Real ROS 2, with rorg's node built by colcon from a copy of clients/ros2."""
-    from debian_images import bring_ros2
+    """Real ROS 2, with rorg's node built by colcon from a copy of clients/ros2. RORG_TEST_ROS2=/opt/ros/jazzy uses the
+    one that is installed there."""
+    from debian_images import bring_ros2, of_this_machine
     from ros2_programs import Ros2, domain_of_its_own
 
-    image, out = bring_ros2(dockerd.host), tmp_path_factory.mktemp("ros2") / "out"
+    own, out = os.environ.get("RORG_TEST_ROS2"), tmp_path_factory.mktemp("ros2") / "out"
+    image, mounts = of_this_machine(dockerd.host, Path(own)) if own else (bring_ros2(dockerd.host), ())
     out.mkdir()
-    run_in_container(dockerd.host, image, BUILD_ROS2, [f"{ROOT / 'clients/ros2'}:/package:ro", f"{out}:/out"])
+    binds = [*mounts, f"{ROOT / 'clients/ros2'}:/package:ro", f"{out}:/out"]
+    run_in_container(dockerd.host, image, BUILD_ROS2, binds)
     with domain_of_its_own() as domain:
-        yield Ros2(dockerd.host, image, out, domain)
+        yield Ros2(dockerd.host, image, out, domain, mounts, ("/entry",) if own else ())
 
 
 def run_in_container(host: str, image: str, script: str, binds: list[str]) -> None:

@@ -4,11 +4,13 @@ each session has an empty daemon."""
 from __future__ import annotations
 
 import hashlib
+import io
 import os
 import platform
 import shutil
 import subprocess
 import sys
+import tarfile
 import tempfile
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -54,6 +56,29 @@ def bring_ros2(host: str) -> str:
         no_docker("ROS 2 has wheels for x86_64 only")
     more = sorted(path for path in INTERFACES.rglob("*") if path.is_file())
     return bring(host, ROS2, "ros2-base", more, _add_wheels_and_interfaces)
+
+
+def of_this_machine(host: str, ros: Path) -> tuple[str, tuple[str, ...]]:
+    """An image without files that runs the machine's own ROS 2, and what it mounts for that. Its entry point sources
+    the setup of ROS 2 and of rorg's node. Tried with Kilted's wheels only, not with a distribution's ROS 2."""
+    import docker
+
+    content = io.BytesIO()
+    with tarfile.open(fileobj=content, mode="w") as tar:
+        for name in ("bin", "lib", "lib64"):  # not sbin: the engine puts its init there
+            link = tarfile.TarInfo(name)
+            link.type, link.linkname = tarfile.SYMTYPE, f"usr/{name}"
+            tar.addfile(link)
+        script = f'#!/bin/bash\n. {ros}/setup.bash\n[ ! -e /rorg_ros2 ] || . /rorg_ros2/local_setup.bash\nexec "$@"\n'
+        entry = tarfile.TarInfo("entry")
+        entry.size, entry.mode = len(script), 0o755
+        tar.addfile(entry, io.BytesIO(script.encode()))
+        tmp = tarfile.TarInfo("tmp")
+        tmp.type, tmp.mode = tarfile.DIRTYPE, 0o1777
+        tar.addfile(tmp)
+    api = docker.APIClient(host, version="auto", timeout=600)
+    api.import_image_from_data(content.getvalue(), repository="ros2-own", changes=['ENTRYPOINT ["/entry"]'])
+    return "ros2-own", ("/usr:/usr:ro", "/etc:/etc:ro", f"{ros}:{ros}:ro")
 
 
 def _add_wheels_and_interfaces(context: Path) -> None:

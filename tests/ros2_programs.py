@@ -24,13 +24,16 @@ class Ros2:
     package: Path
     domain: int
     mounts: tuple[str, ...] = ()
+    entry: tuple[str, ...] = ()
+    """What begins a command that is run inside a container."""
 
     def container(self, folder: Path) -> dict:
         """Options of a container in which /told is the folder."""
+        (python,) = (self.package / "lib").glob("python3.*")
         return {
             "environment": {
                 "ROS_DOMAIN_ID": str(self.domain),
-                "PYTHONPATH": "/rorg_ros2/lib/python3.11/site-packages:/program",
+                "PYTHONPATH": f"/rorg_ros2/lib/{python.name}/site-packages:/program",
             },
             "volumes": [
                 *self.mounts,
@@ -74,18 +77,18 @@ def domain_of_its_own() -> Iterator[int]:
 class Hand:
     """A person's container: programs of ROS 2 that no service runs."""
 
-    def __init__(self, ros2: Ros2, folder: Path) -> None:
-        self.api = docker.APIClient(ros2.host, version="auto")
+    def __init__(self, ros2: Ros2, folder: Path, *mounts: str) -> None:
+        self.api, self.entry = docker.APIClient(ros2.host, version="auto"), ros2.entry
         options = ros2.container(folder)
         environment = {**options["environment"], "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-        binds = options["volumes"]
+        binds = [*options["volumes"], *mounts]
         host = self.api.create_host_config(network_mode="host", ipc_mode="host", binds=binds, init=True)
         words = {"environment": environment, "host_config": host}
         self.id = self.api.create_container(ros2.image, ["sleep", "1200"], **words)["Id"]
         self.api.start(self.id)
 
     def run(self, *command: str, detach: bool = False) -> str:
-        made = self.api.exec_create(self.id, list(command))["Id"]
+        made = self.api.exec_create(self.id, [*self.entry, *command])["Id"]
         return (self.api.exec_start(made, detach=detach) or b"").decode()
 
     def close(self) -> None:

@@ -8,9 +8,13 @@ from pathlib import Path
 import pytest
 from conftest import free_port
 from robots import RealRobot
-from ros2_programs import Ros2, read
+from ros2_programs import Hand, Ros2, read
 
 pytestmark = pytest.mark.docker
+REQUEST_ID = """
+from rclpy.impl.implementation_singleton import rclpy_implementation
+print(dir(rclpy_implementation.rmw_request_id_t))
+"""
 CAMERA = "python3 /nodes/talker.py camera"
 
 
@@ -45,6 +49,20 @@ def robot(dockerd, ros2: Ros2, port, tmp_path) -> Iterator[RealRobot]:
     found.close()
 
 
+def test_rclpy_does_not_tell_a_server_who_calls(ros2, tmp_path):
+    """If this fails, the node can check the names of callers: see SECURITY.md."""
+    hand = Hand(ros2, tmp_path)
+    try:
+        code = (
+            "from rclpy.impl.implementation_singleton import rclpy_implementation as i; print(dir(i.rmw_request_id_t))"
+        )
+        said = hand.run("python3", "-c", code)
+    finally:
+        hand.close()
+    assert "sequence_number" in said
+    assert "guid" not in said
+
+
 def answer(robot: RealRobot, file: Path) -> dict:
     robot.wait(file.exists, 60)
     return read(file)
@@ -75,6 +93,7 @@ def test_requests_through_ros2_live_as_long_as_their_caller(robot, tmp_path):
     assert told["get_removed"][0] is False
     assert {r.requester for r in robot.requests()} == {"developer", "behaviour"}
     before = [r for r in robot.requests() if r.requester == "behaviour"]
+    robot.wait(lambda: robot.client().service("camera")["health"] == "Healthy")  # it was restarted
     robot.request("impostor", id="steal")
     for done, message in answer(robot, tmp_path / "impostor").values():
         assert done is False

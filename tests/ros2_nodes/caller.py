@@ -21,7 +21,9 @@ KINDS = {
 
 
 class Caller(Node):
-    """`caller`: the name that it gives itself in calls."""
+    """`caller`: the name that it gives itself in calls. `limit`: seconds after which it calls again."""
+
+    limit = 120.0
 
     def __init__(self, name, caller=None):
         rclpy.init()
@@ -36,9 +38,12 @@ class Caller(Node):
             self.made[name] = self.create_client(kind, f"/rorg/{name}")
             assert self.made[name].wait_for_service(30), f"no service /rorg/{name}"
         named = {} if name == "query" else {"caller": self.caller}
-        future = self.made[name].call_async(kind.Request(**named, **fields))
-        rclpy.spin_until_future_complete(self, future, timeout_sec=120)
-        return future.result()
+        while True:
+            future = self.made[name].call_async(kind.Request(**named, **fields))
+            rclpy.spin_until_future_complete(self, future, timeout_sec=self.limit)
+            if future.done():
+                return future.result()
+            print(f"no answer of {name} within {self.limit} s", flush=True)
 
     def brief(self, name, /, **fields):
         done = self.call(name, **fields)
@@ -51,8 +56,8 @@ def write(file, value):
     os.rename(file + ".new", file)
 
 
-def stay(node):
+def stay(node, executor=None):
     """Until a signal ends it."""
     with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
-        rclpy.spin(node)
+        rclpy.spin(node, executor)
     rclpy.try_shutdown()

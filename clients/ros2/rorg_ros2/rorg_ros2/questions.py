@@ -23,6 +23,8 @@ WINDOW = 1.0
 FEW = 3
 # Topics whose publishers are remembered.
 MOST = 1000
+# The name of a node that was paused for longer than its lease: it is back, without its name.
+LOST = '_NODE_NAME_UNKNOWN_'
 ACTION = '/_action/send_goal'
 
 
@@ -59,9 +61,10 @@ class Questions:
         return Answer(False, f'this node does not know the probe {kind}; update it', asked=False)
 
     def _node(self, name: str) -> Answer:
-        if name not in self._nodes():
+        problem = self.calls.ping(name)
+        if problem and name not in self._nodes():
             return Answer(False, f'no node {name}')
-        return _of(self.calls.ping(name))
+        return _of(problem)
 
     def _topic(self, topic: str, since: float) -> Answer:
         """Whether a node that answers publishes it, by a publisher of this run."""
@@ -95,6 +98,8 @@ class Questions:
             for node in set(self.node.get_node_names_and_namespaces())
             if service in self._services_of(*node)
         ]
+        if not providers and service in dict(self.node.get_service_names_and_types()):
+            return Answer(True)  # its node has lost its name
         return self._any(providers) if providers else Answer(False, f'no {what} {name}')
 
     def _services_of(self, name: str, namespace: str) -> set[str]:
