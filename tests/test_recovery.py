@@ -135,6 +135,7 @@ def test_what_an_engine_left_that_was_killed_amid_a_start_is_made_anew(docker_ro
         robot.settle()
 
 
+@pytest.mark.docker_only("its API takes no runtime, and so none that hangs")
 def test_rorg_ends_though_a_start_hangs(docker_robot, dockerd):
     if not hasattr(dockerd, "folder"):
         pytest.skip("the engine is not ours to give a runtime that hangs")
