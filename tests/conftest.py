@@ -307,6 +307,8 @@ def place(request, dockerd, tmp_path):
     from rorg.images import buildkit
 
     wanted = getattr(request, "param", "buildkit")
+    if dockerd.podman and wanted == "classic":
+        pytest.skip("Podman has one builder, which takes the place of both")
     if wanted == "buildkit" and not buildkit.find_command():
         no_docker("no docker command with BuildKit")
     found = Place(dockerd.host, wanted == "buildkit", tmp_path / "builds")
@@ -353,6 +355,13 @@ def pytest_collection_modifyitems(items):
     for item in items:
         if "dockerd" in item.fixturenames or "docker_robot" in item.fixturenames:
             item.add_marker("docker")
+
+
+def pytest_runtest_setup(item):
+    from dockerd import chosen
+
+    if (only := item.get_closest_marker("docker_only")) and chosen().podman:
+        pytest.skip(f"not on Podman: {only.args[0]}")
 
 
 @pytest.hookimpl(hookwrapper=True)

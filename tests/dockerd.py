@@ -235,6 +235,8 @@ network_backend = "netavark"
 network_config_dir = "{self.folder}/exec/networks"
 """
         )
+        # Docker takes a registry of this machine for a trusted one.
+        (self.folder / "registries.conf").write_text('[[registry]]\nlocation = "127.0.0.1"\ninsecure = true\n')
         (self.folder / "storage.conf").write_text(
             f'[storage]\ndriver = "overlay"\ngraphroot = "{self.folder}/data"\nrunroot = "{self.folder}/exec/run"\n'
         )
@@ -244,6 +246,7 @@ network_config_dir = "{self.folder}/exec/networks"
             **os.environ,
             "CONTAINERS_CONF": f"{self.folder}/containers.conf",
             "CONTAINERS_STORAGE_CONF": f"{self.folder}/storage.conf",
+            "CONTAINERS_REGISTRIES_CONF": f"{self.folder}/registries.conf",
         }
 
 

@@ -335,6 +335,20 @@ def healthcheck(bench: Bench) -> str:
     return ""
 
 
+def runtimes(bench: Bench) -> str:
+    """Use another runtime (`runtime`), and give GPUs (`gpus`)"""
+    if not bench.can.isolation:
+        return IGNORED
+    refused = 0
+    for option in ({"runtime": "nosuch"}, {"gpus": [{"count": "all"}]}):  # there are none on the machine
+        try:
+            bench.started(**option)
+        except EngineError:
+            refused += 1
+    known(bench, "gpus", refused == 2)
+    return known(bench, "runtime", refused == 2)
+
+
 def limits_of_programs(bench: Bench) -> str:
     """Limit open files (`ulimits`), and set the size of /dev/shm"""
     if not bench.can.isolation:
@@ -371,6 +385,7 @@ def no_shell_of_the_host(bench: Bench) -> str:
 LIFE: tuple[Need, ...] = (
     *(run_and_stop, start_again, exit_code_of_killed, pause, stop_while_paused, rename, names_are_unique, update),
     *(memory_limit, processes_limit, usage, only_ours, events, commands_inside, commands_end, logs, log_times),
-    *(log_follow, files, devices, init, healthcheck, limits_of_programs, joined_network, no_shell_of_the_host),
+    *(log_follow, files, devices, init, healthcheck, runtimes, limits_of_programs, joined_network),
+    no_shell_of_the_host,
 )
 """Needs that every engine is asked for; tests/engine_objects.py has those of networks, volumes and images."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
 from pathlib import Path
@@ -80,6 +81,10 @@ class Place:
         )
         return {order.name: result for order, result in zip(orders, found, strict=True)}
 
+    @property
+    def podman(self) -> bool:
+        return self.engine.client.release.podman
+
     def inspect(self, reference: str) -> dict:
         return self.engine.client.get(f"/images/{reference}/json")
 
@@ -87,9 +92,15 @@ class Place:
         return self.builder().there(references)
 
     def running(self) -> list[str]:
-        """Processes of builds, of the engine's and of ours."""
-        found = (" ".join(p.info["cmdline"] or ()) for p in psutil.process_iter(["cmdline"]))
-        return [line for line in found if "time.sleep(600)" in line or "--iidfile" in line]
+        """Processes of builds, of the engine's and of ours. Podman lets a step come to its end though nobody waits for
+        it: that step is ended here."""
+        found = {p: " ".join(p.info["cmdline"] or ()) for p in psutil.process_iter(["cmdline"])}
+        steps = [p for p, line in found.items() if "time.sleep(600)" in line]
+        if self.podman:
+            for step in steps:
+                with contextlib.suppress(psutil.NoSuchProcess):
+                    step.kill()
+        return [line for p, line in found.items() if "--iidfile" in line or (p in steps and not self.podman)]
 
     def close(self) -> None:
         self.builder().remove([r for order in reversed(self._built) for r in (*order.also, order.reference)])

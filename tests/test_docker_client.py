@@ -41,6 +41,7 @@ def engine(dockerd):
         found.remove(container.id)
 
 
+@pytest.mark.docker_only("it tells no past events, so that all are looked at again")
 def test_what_is_known_is_not_looked_at_again_unless_anything_happened(engine, dockerd, monkeypatch):
     monkeypatch.setattr("rorg.engines.docker.engine.LAG", 0.0)  # what made them is long ago
     known = {c.id: c for c in engine.list()}
@@ -62,6 +63,8 @@ CHANGES = {
 @pytest.mark.parametrize("change", CHANGES)
 def test_a_change_of_a_moment_ago_is_seen_whether_its_event_has_come_or_not(engine, change):
     """Nothing follows the events here, so every one of them is late."""
+    if change == "update" and engine.client.release.podman:
+        pytest.skip("Podman 4 changes no container in place")
     known = {c.id: c for c in engine.list()}
     one = next(iter(known))
     CHANGES[change](engine.api(), one)
@@ -192,7 +195,7 @@ def test_tls_is_told_by_docker_s_own_variables(encrypted, monkeypatch):
     for name in ("REQUESTS_CA_BUNDLE", "CURL_CA_BUNDLE"):  # docker-py's own library goes by these first
         monkeypatch.delenv(name, raising=False)
     engine = DockerEngine("me", host)
-    assert engine.ping() == f"Docker {engine.api().version()['Version']}"
+    assert engine.ping() == f"{engine.client.release.product} {engine.api().version()['Version']}"
     (certificates / "cert.pem").unlink()
     with pytest.raises(Unreachable):
         DockerEngine("me", host).ping()

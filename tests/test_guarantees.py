@@ -80,6 +80,7 @@ def test_eight_starts_that_hang_leave_places_for_others(tmp_path):
     assert robot.sim.now - began < 6
 
 
+@pytest.mark.docker_only("its API takes no runtime, and so none that hangs")
 def test_a_start_that_hangs_delays_no_other_service_on_docker(docker_robot, dockerd):
     """Compared with the same request in the same run while nothing hangs."""
     if not hasattr(dockerd, "folder"):

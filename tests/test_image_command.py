@@ -16,6 +16,7 @@ from rorg.images.archive import RECORDS, read_records
 from rorg.images.disk_usage import own_images
 from rorg.images.order import LABEL_BUILDER, LABEL_IMAGE
 from rorg.images.records import Built, Records
+from rorg.model.image_names import plain
 
 
 class Lab:
@@ -58,7 +59,7 @@ def lab(dockerd, tmp_path):
     api = docker.APIClient(dockerd.host, version="auto")
     for row in api.images():
         for tag in row["RepoTags"] or ():
-            if tag.startswith(found.name):
+            if plain(tag).startswith(found.name):
                 api.remove_image(tag, force=True)
 
 

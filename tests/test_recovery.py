@@ -114,6 +114,7 @@ def test_a_restart_of_the_engine_is_survived(docker_robot, dockerd):
     assert [r.id for r in robot.requests()] == ["again"]
 
 
+@pytest.mark.docker_only("it has no containerd")
 def test_what_an_engine_left_that_was_killed_amid_a_start_is_made_anew(docker_robot, dockerd):
     """Docker never starts such a container again: its containerd has kept a task of it that does not run."""
     if not hasattr(dockerd, "folder"):
@@ -134,6 +135,7 @@ def test_what_an_engine_left_that_was_killed_amid_a_start_is_made_anew(docker_ro
         robot.settle()
 
 
+@pytest.mark.docker_only("its API takes no runtime, and so none that hangs")
 def test_rorg_ends_though_a_start_hangs(docker_robot, dockerd):
     if not hasattr(dockerd, "folder"):
         pytest.skip("the engine is not ours to give a runtime that hangs")

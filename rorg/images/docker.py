@@ -69,7 +69,7 @@ class DockerBuilder:
     def build(self, order: Order, say: Say) -> str:
         assert order.image
         command, image = self._buildkit(), order.image
-        text = dockerfile_of(order, image, bool(command))
+        text = dockerfile_of(order, image, any_syntax=bool(command) or self._client.release.podman)
         if command:
             host, stop = self._client.host, self._cancellation
             return buildkit.build(command, host, order, image, dockerfile=text, say=say, cancellation=stop)
@@ -90,10 +90,10 @@ class DockerBuilder:
         what = f"import {order.name}"
         if not self._imports:
             raise EngineError(what, "a running rorg runs no commands of manifests", f"`rorg build {order.name}`")
-        labels = " ".join(f"{key}={json.dumps(value)}" for key, value in order.labels.items())
         query: dict[str, Any] = {
             "fromSrc": "-",
-            "changes": f"LABEL {labels}" if labels else None,
+            # One instruction for each label: Podman reads several of one instruction as a single label.
+            "changes": tuple(f"LABEL {key}={json.dumps(value)}" for key, value in order.labels.items()),
             "platform": order.image.platform or None,
         }
         made = ""
@@ -155,16 +155,17 @@ def _say_progress(line: dict[str, Any], sizes: dict[str, tuple[int, int]], say: 
         say(f"{come:.1f} of {whole:.1f} MB", step=True)
 
 
-def dockerfile_of(order: Order, image: Image, buildkit: bool) -> bytes:
-    """The Dockerfile that the engine gets, with the references in force. Raises OSError if it cannot be read, and
-    EngineError if it is invalid or needs a missing BuildKit."""
+def dockerfile_of(order: Order, image: Image, any_syntax: bool) -> bytes:
+    """The Dockerfile that the engine gets, with the references in force. Without `any_syntax`, what needs BuildKit is
+    refused: Docker's first builder would misread some of it. Podman itself refuses what it cannot build. Raises OSError
+    if the file cannot be read, and EngineError if it is invalid or refused."""
     if image.inline:
         return image.inline.encode()
     context = Path(image.context or "")
     # surrogateescape keeps any bytes, which encode() below restores
     text = read_bytes(context / image.dockerfile, context).decode(errors="surrogateescape")
     try:
-        if not buildkit and read_dockerfile(text, image).buildkit:
+        if not any_syntax and read_dockerfile(text, image).buildkit:
             remedy = "to install the docker command with buildx (in Debian's docker.io), and an engine by Docker"
             raise EngineError(f"build {image.name}", f"{image.dockerfile} needs BuildKit, which is missing", remedy)
         now = order.replacements

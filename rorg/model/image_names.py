@@ -18,11 +18,13 @@ SHORT = 12
 
 def plain(reference: str) -> str:
     """The shortest equivalent form: "docker.io/library/base:latest" is "base"."""
-    for prefix in HUB:
-        if reference.startswith(prefix):
-            reference = reference.removeprefix(prefix)
-            break
-    return reference.removesuffix(":latest")
+    return without_hub(reference).removesuffix(":latest")
+
+
+def without_hub(reference: str) -> str:
+    """As Docker shows it; Podman shows the registry too."""
+    prefix = next((prefix for prefix in HUB if reference.startswith(prefix)), "")
+    return reference.removeprefix(prefix)
 
 
 def declared(reference: str, names: Collection[str]) -> str:

@@ -154,23 +154,7 @@ def _blkio(body: Body, value: Mapping[str, Any]) -> None:
 
 def _networks(body: Body, value: Mapping[str, Any]) -> None:
     """The container is created on the first network by name, as with Compose."""
-    endpoints = {}
-    for name, network in sorted(value.items()):
-        ipam = {
-            api: network[key]
-            for key, api in (
-                ("ipv4_address", "IPv4Address"),
-                ("ipv6_address", "IPv6Address"),
-                ("link_local_ips", "LinkLocalIPs"),
-            )
-            if network.get(key)
-        }
-        endpoints[name] = {
-            "Aliases": network.get("aliases"),
-            "IPAMConfig": ipam or None,
-            "MacAddress": network.get("mac_address", ""),
-            "DriverOpts": network.get("driver_opts"),
-        }
+    endpoints = {name: endpoint(network) for name, network in sorted(value.items())}
     if not endpoints:
         return
     first = min(endpoints)
@@ -178,6 +162,17 @@ def _networks(body: Body, value: Mapping[str, Any]) -> None:
     body["HostConfig"].setdefault("NetworkMode", first)
     if endpoints[first]["MacAddress"]:  # older engines know only one for the container
         body.setdefault("MacAddress", endpoints[first]["MacAddress"])
+
+
+def endpoint(network: Mapping[str, Any]) -> Body:
+    """What a container is on one of its networks."""
+    names = {"ipv4_address": "IPv4Address", "ipv6_address": "IPv6Address", "link_local_ips": "LinkLocalIPs"}
+    return {
+        "Aliases": network.get("aliases"),
+        "IPAMConfig": {api: network[key] for key, api in names.items() if network.get(key)} or None,
+        "MacAddress": network.get("mac_address", ""),
+        "DriverOpts": network.get("driver_opts"),
+    }
 
 
 def _tmpfs(body: Body, values: list[str]) -> None:

@@ -84,7 +84,8 @@ class DockerEngine(Inside, Images):
         """Inspecting each container takes long, so known ones without news are not inspected again."""
         filters = {"label": [f"{LABEL_OWNER}={self.owner}"]}
         with docker_errors("list containers"):
-            heard = self._heard_lately() if known and self.local else set(known)
+            asks_events = known and self.local and not self.client.release.podman  # Podman tells no past ones
+            heard = self._heard_lately() if asks_events else set(known)
             rows = self.client.get("/containers/json", all=True, filters=filters)
         looked = (_as_before(known, row, heard) or self._look(row) for row in rows)
         return [c for c in looked if c is not None]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import signal
 import time
 import uuid
@@ -21,6 +22,10 @@ STARTING = 2.0
 """Seconds that the engine may take, besides the command's own time, to report its end."""
 ENDING = 2.0
 """Seconds for which rorg tries to end a command that took too long."""
+NOT_BEGUN = (126, 127)
+"""Exit codes of a command that did not start."""
+LAST_LINE = re.compile(rb"(?<=\n)Error: read unixpacket \S+: read: connection reset by peer\n\Z")
+"""What Podman may add to the reason why a command did not start."""
 KILL = """for f in /proc/[0-9]*/environ; do
 while IFS= read -r line || [ -n "$line" ]; do case $line in *%s*) p=${f#/proc/}; kill -9 ${p%%/environ};; esac; done <$f
 done 2>/dev/null"""
@@ -34,7 +39,8 @@ def run(client: Client, container: str, command: Sequence[str], output: Output, 
     made = _create(client, container, command, mark, output.timeout)
     try:
         _listen(client, made, output)
-        return int(inspect(client, made)["ExitCode"] or 0), output.text()
+        code = int(inspect(client, made)["ExitCode"] or 0)
+        return code, LAST_LINE.sub(b"", output.text()) if code in NOT_BEGUN else output.text()
     except Exceeded as why:
         end(client, container, made, mark, local)
         return why.code, output.text(why)

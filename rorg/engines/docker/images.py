@@ -11,7 +11,7 @@ from rorg.engines.docker.client import Client
 from rorg.engines.docker.errors import Refused, docker_errors
 from rorg.engines.docker.release import LOCAL
 from rorg.errors import EngineError
-from rorg.model.image_names import plain
+from rorg.model.image_names import plain, without_hub
 
 LOADING = 600.0
 """Seconds for which the engine may say nothing while it unpacks a layer."""
@@ -32,7 +32,11 @@ class Images:
 
     def images(self) -> list[dict[str, Any]]:
         with docker_errors("list images"):
-            return list(self.client.get("/system/df", type="image").get("Images") or ())
+            if self.client.release.podman:  # its report of disk usage has neither labels nor whole references
+                rows = self.client.get("/images/json")
+            else:
+                rows = self.client.get("/system/df", type="image").get("Images") or ()
+        return [{**row, "RepoTags": [without_hub(tag) for tag in row.get("RepoTags") or ()]} for row in rows]
 
     def remove_image(self, reference: str) -> None:
         with docker_errors(f"remove {reference}"):

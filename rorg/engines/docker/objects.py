@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
+from rorg.core.digest import declared_of
 from rorg.core.objects import LABELS, found_object
-from rorg.core.observed import LABEL_OWNER, FoundObject, FoundObjects
+from rorg.core.observed import LABEL_DECLARED, LABEL_OWNER, FoundObject, FoundObjects
 from rorg.engines.docker.answers import from_json
+from rorg.engines.docker.body import endpoint
 from rorg.engines.docker.client import Client
 from rorg.engines.docker.create import other_rorg
 from rorg.engines.docker.errors import Refused
+from rorg.engines.docker.inspection import state_of
 from rorg.engines.log_lines import Reading
 from rorg.errors import EngineError
 from rorg.model.objects import Kind, subject
@@ -58,6 +61,8 @@ def make(client: Client, kind: Kind, name: str, spec: Mapping[str, Any], labels:
     """Make one. The engine returns an existing volume as if it were new: its labels tell whose it is."""
     if kind == "network":
         client.post("/networks/create", network_body(name, spec, labels))
+        if client.release.podman:
+            _connect_resting(client, name, labels[LABEL_OWNER])
         return
     made = client.post("/volumes/create", volume_body(name, spec, labels))
     if (made.get("Labels") or {}).get(LABEL_OWNER) != labels[LABEL_OWNER]:
@@ -79,9 +84,13 @@ def remove(client: Client, kind: Kind, name: str, owner: str) -> None:
     if labels.get(LABEL_OWNER) != owner or LABELS[kind] not in labels:
         whose = other_rorg(labels, owner)
         raise EngineError(what, f"it belongs to {whose}" if whose else "it is not rorg's", kind="foreign")
-    users = sorted(c.get("Name", "") for c in (data.get("Containers") or {}).values())
+    joined = data.get("Containers") or {}
+    resting = [id for id in joined if _rests(client, id, owner)] if client.release.podman else []
+    users = sorted(c.get("Name", "") for id, c in joined.items() if id not in resting)
     if users:
         raise EngineError(what, f"connected to it: {', '.join(users)}", "to stop these", kind="in_use")
+    for id in resting:  # Podman counts them as users; they do not start before the next network of this name is made
+        client.post(f"/networks/{name}/disconnect", {"Container": id, "Force": True})
     try:
         client.delete(f"/{kind}s/{data['Id'] if kind == 'network' else name}")
     except Refused as no:
@@ -90,6 +99,24 @@ def remove(client: Client, kind: Kind, name: str, owner: str) -> None:
         if no.status in (403, 409):
             raise EngineError(what, no.text, "to remove the containers that use it", kind="in_use") from no
         raise
+
+
+def _rests(client: Client, container: str, owner: str) -> bool:
+    """Whether a container of `owner` does not run, or is gone."""
+    data = client.find(f"/containers/{container}/json")
+    if data is None:
+        return True
+    ours = (data["Config"].get("Labels") or {}).get(LABEL_OWNER) == owner
+    return ours and state_of(data["State"]["Status"]) in ("created", "exited")
+
+
+def _connect_resting(client: Client, network: str, owner: str) -> None:
+    """Connect the containers that were disconnected when the previous network of this name was removed."""
+    for row in client.get("/containers/json", all=True, filters={"label": [f"{LABEL_OWNER}={owner}"]}):
+        wanted = declared_of(row["Labels"].get(LABEL_DECLARED, "")).get("networks") or {}
+        if network in wanted and network not in (row["NetworkSettings"].get("Networks") or {}):
+            said = {"Container": row["Id"], "EndpointConfig": endpoint(wanted[network] or {})}
+            client.post(f"/networks/{network}/connect", said)
 
 
 def network_body(name: str, spec: Mapping[str, Any], labels: Mapping[str, str]) -> Body:
