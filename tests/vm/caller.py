@@ -1,4 +1,4 @@
-"""Runs in the guest, for tests/vm/test_power_cut.py: puts and releases requests at random until the power is cut. It
+"""Runs in the guest, for tests/vm/cuts.py: puts and releases requests at random until the power is cut. It
 prints `["asks", ID, REASON]` before each call and `["has", ID, REASON]` when the call is acknowledged; for a release,
 the reason is null."""
 

@@ -48,6 +48,11 @@ UNWANTED = (
     *("podman.socket", "e2scrub_reap.service", "getty@tty1.service", "systemd-networkd-wait-online.service"),
 )
 """Units that only take time at the boot of an emulated machine."""
+PATIENCE = {
+    "system.conf.d/emulated.conf": "[Manager]\nDefaultTimeoutStartSec=15min\nDefaultTimeoutStopSec=5min\n",
+    "system/rorg.service.d/emulated.conf": "[Service]\nWatchdogSec=5min\n",
+}
+"""Below /etc/systemd. An emulated machine takes some twenty times as long as a real one, and more beside other work."""
 NETWORK = "[Match]\nName=en*\n[Network]\nAddress=10.0.2.15/24\n"
 
 
@@ -85,6 +90,9 @@ def make(root: Path, log: int, wanted: list[str]) -> None:
     shutil.copy(BASE / "key.pub", root / "root/.ssh/authorized_keys")
     (root / "etc/hostname").write_text("robot\n")
     (root / "etc/systemd/network/guest.network").write_text(NETWORK)
+    for name, text in PATIENCE.items():
+        (root / "etc/systemd" / name).parent.mkdir(exist_ok=True)
+        (root / "etc/systemd" / name).write_text(text)
     run("chroot", root, "systemctl", "enable", "systemd-networkd.service")
     run("chroot", root, "systemctl", "mask", *UNWANTED)
     run("mke2fs", "-q", "-t", "ext4", "-d", root, BASE / "disk.img", SIZE)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import random
 import shlex
 import shutil
 import signal
@@ -12,9 +13,10 @@ from pathlib import Path
 
 import disk
 from conftest import free_port, wait_for
+from disk_cache import replay
 
-BOOT = 400.0
-"""Seconds for a boot, on a machine that has other work too. Alone it takes some 40."""
+BOOT = 900.0
+"""Seconds for a boot at most: on a machine with much other work it takes minutes."""
 CORES, MEMORY = 2, 4096
 
 
@@ -27,30 +29,52 @@ class Guest:
         self.folder = disk.HOME / name
         shutil.rmtree(self.folder, ignore_errors=True)
         self.folder.mkdir(parents=True)
-        subprocess.run(["cp", "--sparse=always", self.base / "disk.img", self.folder], check=True)
+        self.disk, self.before, self.log = (self.folder / name for name in ("disk.img", "before.img", "writes.log"))
+        self.write_cache = False
+        copy(self.base / "disk.img", self.disk)
         self.qemu: subprocess.Popen | None = None
         self.port = 0
 
-    def boot(self) -> None:
-        """Returns when systemd has started everything."""
-        self.port = free_port()
+    def boot(self, write_cache: bool = False) -> None:
+        """Returns when systemd has started everything. With `write_cache`, a cut loses what was not flushed to the
+        disk."""
+        self.port, self.write_cache = free_port(), write_cache
+        if self.write_cache:
+            copy(self.disk, self.before)
+            self.log.write_bytes(b"")
         tied = ["setpriv", "--pdeathsig", "KILL"]
         with (self.folder / "qemu.log").open("ab") as log:
             self.qemu = subprocess.Popen([*tied, *self.command()], stdin=subprocess.DEVNULL, stdout=log, stderr=log)
-        self.wait_for_boot("")
+        began = time.monotonic()
+        try:
+            wait_for(self.answers, BOOT, "the guest to answer")
+            self.run("systemctl is-system-running --wait", BOOT)
+        except AssertionError as error:
+            raise AssertionError(f"{error}\n{self.last_words()}") from error
+        print(f"vm: booted in {time.monotonic() - began:.0f} s", flush=True)
 
     def command(self) -> list[str]:
-        """KVM is left out: nested, it is often missing or broken. The drive does without this machine's page cache, so
-        what the guest has flushed is all that a power cut must leave."""
+        """KVM is left out: nested, it is often missing or broken."""
         return [
             *("qemu-system-x86_64", "-accel", "tcg,thread=multi", "-smp", f"{CORES}", "-m", f"{MEMORY}"),
-            *("-display", "none", "-monitor", "none", "-serial", f"file:{self.folder}/console.log"),
+            *("-nodefaults", "-display", "none", "-no-reboot", "-serial", f"file:{self.folder}/console.log"),
             *("-kernel", f"{self.base}/vmlinuz", "-initrd", f"{self.base}/initrd.img"),
             *("-append", "console=ttyS0 root=/dev/vda rw quiet panic=-1 mitigations=off"),
-            *("-drive", f"file={self.folder}/disk.img,if=virtio,format=raw,cache=none"),
+            *self.drive(),
             *("-netdev", f"user,id=net,restrict=on,hostfwd=tcp:127.0.0.1:{self.port}-:22"),
             *("-device", "virtio-net-pci,netdev=net,romfile="),
         ]
+
+    def drive(self) -> list[str]:
+        """The disk, and with a write cache also the log of what is written to it. This machine's page cache outlives
+        qemu, so qemu need not flush it."""
+        option = "driver=file,cache.no-flush=on,discard=ignore"
+        words = ["-blockdev", f"node-name=disk,filename={self.disk},{option}"]
+        if not self.write_cache:
+            return [*words, "-device", "virtio-blk-pci,drive=disk"]
+        words += ["-blockdev", f"node-name=log,filename={self.log},{option}"]
+        words += ["-blockdev", "node-name=logged,driver=blklogwrites,file=disk,log=log"]
+        return [*words, "-device", "virtio-blk-pci,drive=logged"]
 
     def ssh(self, program: str = "ssh") -> list[str]:
         """One connection for all commands: to make one takes a second."""
@@ -81,15 +105,14 @@ class Guest:
         )
 
     def run(self, script: str, seconds: float = 120.0) -> tuple[int, str]:
-        """The exit code and the output of a script; 255 if the guest does not answer. TimeoutExpired if it is not over
-        within this time."""
+        """The exit code and the output of a script that ends within this time; 255 if the guest does not answer."""
         process = self.popen(script)
         try:
             output, _ = process.communicate(timeout=seconds)
         except subprocess.TimeoutExpired:
             process.kill()
-            process.communicate()
-            raise
+            output, _ = process.communicate()
+            raise AssertionError(f"not within {seconds} s: {script}\n{output}") from None
         return process.returncode, output
 
     def sh(self, script: str, seconds: float = 120.0) -> str:
@@ -103,43 +126,42 @@ class Guest:
         command = [*self.ssh("scp"), "-r", str(source.resolve()), f"root@127.0.0.1:{target}"]
         subprocess.run(command, cwd=self.folder, check=True, stdin=subprocess.DEVNULL, timeout=300)
 
-    def boot_id(self) -> str:
-        """Names the boot; "" if the guest does not answer."""
+    def answers(self) -> bool:
         assert self.qemu is not None
-        assert self.qemu.poll() is None, self.last_words()
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            code, output = self.run("cat /proc/sys/kernel/random/boot_id", 15.0)
-            return output.strip() if code == 0 else ""
-        return ""
-
-    def wait_for_boot(self, before: str) -> None:
-        """Until another boot than this one is complete."""
-        began = time.monotonic()
-        try:
-            wait_for(lambda: self.boot_id() not in ("", before), BOOT, "the guest to answer")
-            self.run("systemctl is-system-running --wait", BOOT)
-        except (AssertionError, subprocess.TimeoutExpired) as error:
-            raise AssertionError(f"{error}\n{self.last_words()}") from error
-        print(f"vm: booted in {time.monotonic() - began:.0f} s", flush=True)
+        assert self.qemu.poll() is None, "qemu has ended"
+        with contextlib.suppress(AssertionError):
+            return self.run("true", 15.0)[0] == 0
+        return False
 
     def last_words(self) -> str:
         files = [self.folder / name for name in ("console.log", "qemu.log")]
         return "\n".join(f"{f}:\n{f.read_text(errors='replace')[-3000:]}" for f in files if f.exists())
 
-    def reboot(self) -> None:
-        """As a person does it; returns after the next boot."""
-        before = self.boot_id()
-        self.run("systemctl reboot")
+    def power_off(self, verb: str = "poweroff") -> None:
+        """As a person does it, with systemctl."""
+        assert self.qemu is not None
+        self.run(f"systemctl {verb}")
+        self.qemu.wait(BOOT)
+        self.qemu = None
         self.disconnect()
-        self.wait_for_boot(before)
 
-    def cut(self) -> None:
-        """Cuts the power."""
-        if self.qemu is not None:
-            self.qemu.send_signal(signal.SIGKILL)
-            self.qemu.wait(60)
-            self.qemu = None
+    def reboot(self) -> None:
+        """Returns after the next boot. qemu itself begins anew: after a reset it emulates several times slower."""
+        self.power_off("reboot")
+        self.boot()
+
+    def cut(self, kept: float = 0.0) -> None:
+        """Cuts the power. A write that was not flushed to the disk reaches it with the probability `kept`."""
+        if self.qemu is None:
+            return
+        self.qemu.send_signal(signal.SIGKILL)
+        self.qemu.wait(60)
+        self.qemu = None
         self.disconnect()
+        if self.write_cache:
+            later, lost = replay(self.log, self.before, random.Random(), kept)
+            print(f"vm: {lost} of {later} writes that were not flushed are lost", flush=True)
+            self.before.replace(self.disk)
 
     def disconnect(self) -> None:
         subprocess.run([*self.ssh(), "-O", "exit", "root@127.0.0.1"], cwd=self.folder, capture_output=True, timeout=30)
@@ -147,4 +169,10 @@ class Guest:
     def close(self) -> None:
         """Its messages stay for who looks for a failure."""
         self.cut()
-        (self.folder / "disk.img").unlink(missing_ok=True)
+        for path in (self.disk, self.before, self.log):
+            path.unlink(missing_ok=True)
+
+
+def copy(source: Path, target: Path) -> None:
+    """Copies a disk; what is empty takes no space."""
+    subprocess.run(["cp", "--sparse=always", source, target], check=True)

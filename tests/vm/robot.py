@@ -71,6 +71,9 @@ class Robot:
     def service(self, name: str) -> dict[str, Any]:
         return next(s for s in self.json("get") if s["service"] == name)
 
+    def running(self) -> set[str]:
+        return {service["service"] for service in self.json("get") if service["state"] == "running"}
+
     def becomes(self, name: str, state: str, seconds: float = 120.0) -> dict[str, Any]:
         return wait_for(lambda: (s := self.service(name))["state"] == state and s, seconds, f"{name} to be {state}")
 
