@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: site demo test engines properties fuzz soak ros2 lint types bench corpus schemas docs evaluation constraints deb arm clean
+.PHONY: site demo test engines properties fuzz soak ros2 lint types bench corpus schemas docs evaluation constraints deb arm vm clean
 
 # Debian keeps the venv of its Python in a package of its own; .ci/venv sees to that.
 $(BIN)/rorg: pyproject.toml
@@ -77,6 +77,11 @@ deb: $(BIN)/rorg
 # As root. ARGS=tests/test_planner_cases.py for some tests only.
 arm: $(VENV)/test-installed
 	$(BIN)/python .ci/arm $(ARGS)
+
+# rorg in a whole machine that qemu emulates: systemd, control groups v2, the package, a reboot, power cuts. As root.
+# Half an hour or more. CUTS=50 for more power cuts than three; ARGS="-k cut" for them alone.
+vm: $(VENV)/test-installed
+	CUTS=$(or $(CUTS),3) timeout 14400 $(BIN)/pytest tests/vm -s -m "not docker" -o norecursedirs=x $(ARGS)
 
 site: $(VENV)/test-installed
 	$(BIN)/python docs/build_site.py $(VENV)/site

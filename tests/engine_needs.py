@@ -326,12 +326,12 @@ def init(bench: Bench) -> str:
 
 def healthcheck(bench: Bench) -> str:
     """Check the health of programs by itself"""
-    check = {"test": ["CMD", "python3", "-S", "-c", "pass"], "interval": 0.2, "timeout": 2.0, "retries": 1}
+    check = {"test": ["CMD", "python3", "-S", "-c", "pass"], "interval": 0.2, "timeout": 10.0, "retries": 1}
     container = bench.started(healthcheck=check)
     if "healthcheck" in bench.lacking:
         assert bench.look(container).health != "healthy"
         return IGNORED
-    wait_for(lambda: bench.look(container).health == "healthy", 20)
+    wait_for(lambda: bench.look(container).health == "healthy", 60)
     return ""
 
 

@@ -84,7 +84,15 @@ class Shared:
             (folder / str(user)).mkdir()
             os.chown(folder / str(user), user, user)
 
-    def rorg(self, line: str, user: int = MEMBER, group: int = GROUP, more: tuple[int, ...] = (), **environment: str):
+    def rorg(
+        self,
+        line: str,
+        user: int = MEMBER,
+        group: int = GROUP,
+        more: tuple[int, ...] = (),
+        place: Path | None = None,
+        **environment: str,
+    ):
         home = self.folder / str(user)
         clean = {"PATH": os.defpath, "HOME": str(home), "TERM": "dumb", "LANG": "C.UTF-8", "PYTHONPATH": IMPORTED}
         return subprocess.run(
@@ -92,7 +100,7 @@ class Shared:
             user=user,
             group=group,
             extra_groups=list(more),
-            cwd=home,
+            cwd=place or home,
             env={**clean, **environment},
             stdin=subprocess.DEVNULL,
             capture_output=True,
@@ -180,6 +188,15 @@ def test_a_state_directory_that_nobody_serves_and_one_may_not_read(shared):
     done = shared.rorg(f"wait base --state-dir {shared.robot.state}", STRANGER, STRANGER)
     assert done.returncode == 3, done.stderr
     assert f"you may not read {shared.robot.state}" in done.stderr
+
+
+@pytest.mark.parametrize("line", ["get", "get requests", "validate", "diff"])
+def test_a_working_directory_that_one_may_not_enter(shared, line):
+    """As that of root, after `sudo -u`."""
+    state = shared.folder / str(STRANGER) / "state"
+    done = shared.rorg(f"{line} --state-dir {state}", STRANGER, STRANGER, place=shared.folder / "private")
+    assert done.returncode in (0, 2, 3), done.stderr
+    assert "internal error" not in done.stderr
 
 
 def test_one_place_is_named(shared):

@@ -18,6 +18,13 @@ NOT_OURS = ("/dev/", "/proc/", "/run/systemd/", "/tmp/", "/var/lib/dpkg/", "/var
 """Not looked at: what dpkg, systemd and the test keep."""
 PACKAGES = "python3,git,systemd,iproute2"
 """On the machine before; nothing is fetched for the package."""
+UNPACKED = """import subprocess, tarfile
+from pathlib import Path
+from rorg.engines.docker.archive import unpack
+made = subprocess.Popen(["tar", "c", "robot"], stdout=subprocess.PIPE)
+unpack(tarfile.open(fileobj=made.stdout, mode="r|"), Path("unpacked"), True)
+"""
+"""What comes out of a container is unpacked: with Debian's Python, whose tarfile is older than 3.11.4."""
 MAINTAINER_SCRIPTS = ("postinst", "prerm", "postrm")
 
 
@@ -151,6 +158,8 @@ def commands_work(bookworm: Bookworm) -> None:
     )
     bookworm.sh("cd /tmp && rorg init robot && PYTHONPATH=/tmp/ros rorg validate robot && rorg schema /tmp/schemas")
     bookworm.sh("cd /tmp && rorg apply robot --engine process --yes && rorg get -o name")
+    bookworm.sh("cd /tmp && mkdir copied && tar c robot | rorg cp - base:/tmp/copied && ls copied/robot/services")
+    bookworm.sh(f"cd /tmp && /usr/lib/rorg/bin/python -I -c '{UNPACKED}' && ls unpacked/services")
     assert bookworm.sh("ls -A /var/lib/rorg")
 
 

@@ -264,6 +264,14 @@ def test_nothing_that_comes_out_is_written_elsewhere(tmp_path):
             [("d", "DIRTYPE", ""), ("d/l", "SYMTYPE", "../.."), ("d/l/x", "REGTYPE", "")],
             [("d", "DIRTYPE", ""), ("d/l", "SYMTYPE", "/etc")],
             [("d", "DIRTYPE", ""), ("d/l", "LNKTYPE", "../../etc/passwd")],
+            [("d", "DIRTYPE", ""), ("d/l", "SYMTYPE", "m/.."), ("d/m", "SYMTYPE", "../..")],
+            [
+                ("d", "DIRTYPE", ""),
+                *[(f"d/{path}", "DIRTYPE", "") for path in ("a", "a/b")],
+                ("d/a/b/up", "SYMTYPE", "../.."),
+                ("d/l", "SYMTYPE", "a/b/up/../x"),
+                ("d/l", "REGTYPE", ""),
+            ],
             [("d", "DIRTYPE", ""), ("d/n", "CHRTYPE", "")],
         ]
     ):

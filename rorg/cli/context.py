@@ -65,7 +65,7 @@ class Context(Connection):
         last = self.last_text("tree", "root")
         if last and (not self._local or (self.state.owner() and not self.state.held)):
             return Path(last)
-        if Path("manifests").is_dir():
+        if os.path.isdir("manifests"):
             return Path("manifests")
         from rorg.manifest.documents import holds_manifests
 

@@ -10,6 +10,7 @@ from typing import Annotated
 
 from rorg.cli.exec import container_of
 from rorg.cli.options import Argument, RobotEngine
+from rorg.engines.unpack import unpack
 from rorg.errors import Invalid, Refused
 
 STREAM = "-"
@@ -60,7 +61,7 @@ def _read(folder: Path, what: str) -> list[Path]:
     """Unpacks a tar stream; what is at its top. Raises Invalid."""
     try:
         with tarfile.open(fileobj=sys.stdin.buffer, mode="r|*") as archive:
-            archive.extractall(folder, filter="tar")
+            unpack(archive, folder, archive, links=True)
     except (tarfile.TarError, OSError, EOFError) as error:
         raise Invalid(
             what, f"standard input is no tar stream that can be unpacked: {error}", "`tar c FILE |`"

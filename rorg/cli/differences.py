@@ -91,7 +91,7 @@ def warn_of_other_tree(context: Context, comparison: Differences) -> None:
     """Notes if the compared manifests may not be the ones that the user thinks of."""
     here = Path("manifests")
     if comparison.told:
-        if not (context.remote or context.directory) and here.is_dir() and here.resolve() != comparison.root:
+        if not (context.remote or context.directory) and os.path.isdir(here) and here.resolve() != comparison.root:
             note(f"the running rorg follows {comparison.root}; {here.resolve()} is not looked at")
         return
     last = ((context.last() or {}).get("tree") or {}).get("root")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -53,7 +54,7 @@ def command(
     from rorg.manifest.documents import manifest_files
 
     engine = known_engine(engine)
-    root = directory or (Path("manifests") if Path("manifests").is_dir() else Path("."))
+    root = directory or (Path("manifests") if os.path.isdir("manifests") else Path("."))
     client = None if directory or manifest_files(root) else Context(state_dir, engine).client()
     if client and (machine or hints):
         root, client = _here(client.call("GET", "/v1/diff")["root"]), None

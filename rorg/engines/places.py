@@ -9,6 +9,7 @@ import tarfile
 from collections.abc import Iterator
 from pathlib import Path
 
+from rorg.engines.unpack import LeadsOut
 from rorg.errors import Invalid
 
 
@@ -24,9 +25,8 @@ def refused(what: str) -> Iterator[None]:
     """Turn errors of the disk or of an archive into Invalid."""
     try:
         yield
-    except tarfile.FilterError as error:
-        remedy = "`rorg exec SERVICE -- tar c PATH | tar x`, if you trust it"
-        raise Invalid(what, f"'{error.tarinfo.name}' leads out of it", remedy) from error
+    except LeadsOut as error:
+        raise Invalid(what, str(error), "`rorg exec SERVICE -- tar c PATH | tar x`, if you trust it") from error
     except (FileNotFoundError, FileExistsError, NotADirectoryError, IsADirectoryError, PermissionError) as error:
         raise Invalid(what, f"{error.filename}: {error.strerror}", "another place") from error
     except tarfile.TarError as error:

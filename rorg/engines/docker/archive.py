@@ -6,21 +6,20 @@ from __future__ import annotations
 import base64
 import json
 import posixpath
-import stat
 import tarfile
 import tempfile
+from copy import copy
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from rorg.engines.docker.client import API_TIMEOUT, Client
 from rorg.engines.docker.errors import Refused
 from rorg.engines.places import place_of, refused
+from rorg.engines.unpack import unpack as unpack_members
 from rorg.errors import Invalid
 
 DIRECTORY, LINK = 1 << 31, 1 << 27
 """Bits of a mode, as in Go."""
-NEVER = stat.S_ISUID | stat.S_ISGID | stat.S_ISVTX
-"""Bits of a mode that are dropped when a file leaves a container, because its owner changes."""
 
 
 class Inside(NamedTuple):
@@ -56,15 +55,15 @@ def unpack(archive: tarfile.TarFile, target: Path, directory: bool) -> None:
         inner = "." if name == root[0] else name.removeprefix(f"{root[0]}/")
         return first if inner == "." else inner
 
-    def safe(member: tarfile.TarInfo, _: str) -> tarfile.TarInfo | None:
-        name = placed(member.name.rstrip("/"))
-        link = placed(member.linkname) if member.islnk() else member.linkname
-        checked = tarfile.data_filter(member.replace(name=name, linkname=link, deep=False), str(folder))
-        return checked.replace(mode=stat.S_IMODE(member.mode) & ~NEVER, deep=False)
+    def renamed(member: tarfile.TarInfo) -> tarfile.TarInfo:
+        member = copy(member)
+        member.name = placed(member.name.rstrip("/"))
+        member.linkname = placed(member.linkname) if member.islnk() else member.linkname
+        return member
 
     if directory:
         folder.mkdir(exist_ok=True)
-    archive.extractall(folder, filter=safe)
+    unpack_members(archive, folder, map(renamed, archive))
 
 
 def put(client: Client, container: str, source: Path, path: str) -> None:
@@ -88,7 +87,8 @@ def put(client: Client, container: str, source: Path, path: str) -> None:
 
 def _of_root(member: tarfile.TarInfo) -> tarfile.TarInfo:
     """Users of this machine have no meaning inside."""
-    return member.replace(uid=0, gid=0, uname="", gname="", deep=False)
+    member.uid, member.gid, member.uname, member.gname = 0, 0, "", ""
+    return member
 
 
 def _absolute(client: Client, container: str, path: str) -> str:
