@@ -101,6 +101,7 @@ def navigation(source: Path) -> list[object]:
         {"rorg": "README.md"},
         {"Documentation": "docs/README.md"},
         title("docs/tutorial.md"),
+        title("docs/tutorial-ros2.md"),
         {"How to": kind("docs/how-to")},
         {"Reference": kind("docs/reference")},
         {"Explanation": [*kind("docs/explanation"), title("docs/evaluation.md"), *kind("docs/evaluation")]},

@@ -80,11 +80,13 @@ def check(steps: list[Step], told: dict[str, str], said: str) -> None:
             assert is_in(line, answer), f"$ {command}\n{answer}\nnot in it: {line}\n{said[-3000:]}"
 
 
-def run(steps: list[Step], prepare: str, folder: Path, **env: str) -> None:
-    """Runs all of a page in a shell of its own with a home in this folder, after `prepare`, and checks what is said."""
+def run(steps: list[Step], prepare: str, folder: Path, *, pasted: bool = False, **env: str) -> None:
+    """Runs all of a page in a shell of its own with a home in this folder, after `prepare`, and checks what is said.
+    `pasted`: as one block, so nothing waits for the rorg that is begun."""
     home = folder / "home"
     home.mkdir()
-    (folder / "script").write_text(prepare + script(steps, str(folder / "state/run/rorg.sock")))
+    socket = "" if pasted else str(folder / "state/run/rorg.sock")
+    (folder / "script").write_text(prepare + script(steps, socket))
     own = {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}", "HOME": str(home)}
     done = subprocess.run(
         ["bash", folder / "script"],

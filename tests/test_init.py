@@ -31,19 +31,28 @@ def rorg(folder: Path, *words: str, code: int = 0, **environment: str) -> subpro
     return commands.rorg(*words, code=code, cwd=folder, **environment)
 
 
-def test_it_is_valid_and_in_git(tmp_path):
-    rorg(tmp_path, "init", "robot")
+TEMPLATES = pytest.mark.parametrize(("template", "count"), [("first", 3), ("ros2", 5)])
+
+
+@TEMPLATES
+def test_it_is_valid_and_in_git(tmp_path, template, count):
+    rorg(tmp_path, "init", "robot", "--template", template)
     robot = tmp_path / "robot"
-    assert "3 services" in rorg(tmp_path, "validate", "robot").stderr
+    assert f"{count} services" in rorg(tmp_path, "validate", "robot").stderr
     status = subprocess.check_output(["git", "-C", robot, "status", "--porcelain"], text=True)
     tracked = subprocess.check_output(["git", "-C", robot, "ls-files"], text=True).split()
     assert not status
-    assert {".gitignore", "README.md", "schemas/service.json", "services/navigation.yaml"} <= set(tracked)
+    assert {".gitignore", "README.md", "schemas/service.json"} <= set(tracked)
+    assert len([path for path in tracked if path.startswith("services/")]) == count
+    assert not [path for path in robot.rglob("*") if path.is_symlink() or path.suffix == ".pyc"]
 
 
-def test_its_manifests_agree_with_the_schemas_that_they_name(tmp_path):
-    rorg(tmp_path, "init", "robot")
-    for path in sorted((tmp_path / "robot/services").glob("*.yaml")):
+@TEMPLATES
+def test_its_manifests_agree_with_the_schemas_that_they_name(tmp_path, template, count):
+    rorg(tmp_path, "init", "robot", "--template", template)
+    paths = sorted((tmp_path / "robot").glob("*/*.yaml"))
+    assert len(paths) >= count
+    for path in paths:
         head = path.read_text().splitlines()[0]
         schema = path.parent / head.partition("$schema=")[2]
         jsonschema.validate(yaml.safe_load(path.read_text()), json.loads(schema.read_text()))
@@ -59,9 +68,10 @@ def test_vs_code_finds_a_schema_for_each_kind(tmp_path):
     assert ".vscode/settings.json" in tracked
 
 
-def test_what_its_comments_offer_is_accepted(tmp_path):
+@TEMPLATES
+def test_what_its_comments_offer_is_accepted(tmp_path, template, count):
     """Each commented field, with its comment sign taken away."""
-    rorg(tmp_path, "init", "robot")
+    rorg(tmp_path, "init", "robot", "--template", template)
     offered = 0
     for path in sorted((tmp_path / "robot/services").glob("*.yaml")):
         text = path.read_text()
@@ -69,7 +79,7 @@ def test_what_its_comments_offer_is_accepted(tmp_path):
             plain = re.sub(r"^( +)# (?=\w+:)", r"\1", line)
             if plain != line:
                 path.write_text(text.replace(line, plain))
-                assert "3 services" in rorg(tmp_path, "validate", "robot").stderr, plain
+                assert f"{count} services" in rorg(tmp_path, "validate", "robot").stderr, plain
                 path.write_text(text)
                 offered += 1
     assert offered

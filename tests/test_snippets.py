@@ -24,7 +24,8 @@ from rorg.store.requests_parser import parse
 PAGES = [
     *sorted(ROOT.glob("*.md")),
     *sorted((ROOT / "docs").rglob("*.md")),
-    *(ROOT / "manifests/README.md", ROOT / "rorg/cli/first_robot/README.md", ROOT / "clients/ros1/README.md"),
+    *(ROOT / "manifests/README.md", ROOT / "clients/ros1/README.md"),
+    *(ROOT / "rorg/cli/first_robot/README.md", ROOT / "examples/ros2/README.md"),
 ]
 BLOCK = re.compile(r"^( *)```(\w+)\n(.*?)^\1```", re.M | re.S)
 PART = re.compile(r"# part of an? (\w+)\n")

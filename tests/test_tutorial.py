@@ -55,7 +55,7 @@ def wheel(once) -> Path:
     return next(once("wheel", make).glob("*.whl"))
 
 
-def test_the_wheel_holds_the_client_the_demo_and_the_first_robot(wheel):
+def test_the_wheel_holds_the_client_the_demo_and_the_first_robots(wheel):
     names = set(zipfile.ZipFile(wheel).namelist())
     for name in (
         "rorg_client/__init__.py",
@@ -63,6 +63,12 @@ def test_the_wheel_holds_the_client_the_demo_and_the_first_robot(wheel):
         "rorg/cli/demo/tritonbot/manifests/services/roscore.yaml",
         "rorg/cli/demo/tritonbot/images/standin/standin",
         "rorg/cli/first_robot/services/navigation.yaml",
+        "rorg/cli/ros2_robot/gitignore",
+        "rorg/cli/ros2_robot/vscode/settings.json",
+        "rorg/cli/ros2_robot/software/Dockerfile",
+        "rorg/cli/ros2_robot/software/rorg_client/ros/bridge.py",
+        "rorg/cli/ros2_robot/software/rorg_ros2/resource/rorg_ros2",
+        "rorg/cli/ros2_robot/software/rorg_ros2_interfaces/srv/RequestServices.srv",
         "rorg/manifest/profiles/common.yaml",
     ):
         assert name in names

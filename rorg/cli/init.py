@@ -2,34 +2,67 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
-from rorg.cli.options import Argument
+from rorg.cli.options import Argument, Option
 from rorg.cli.output import disk_errors, note
 from rorg.errors import Refused
 
-TEMPLATE = Path(__file__).parent / "first_robot"
-WRITTEN = ("services", "schemas", "README.md", ".gitignore", ".vscode")
+
+class Template(NamedTuple):
+    """A robot to begin with."""
+
+    folder: Path
+    services: str
+    build: str
+    run: str
+    request: str
+
+
+FIRST, ROS2 = "first", "ros2"
+TEMPLATES = {
+    FIRST: Template(
+        folder=Path(__file__).parent / "first_robot",
+        services="three services",
+        build="on Docker, once: fetch the images",
+        run="the loop; without Docker: rorg run --engine process",
+        request="navigation",
+    ),
+    ROS2: Template(
+        folder=Path(__file__).parent / "ros2_robot",
+        services="five services with ROS 2",
+        build="once: fetch ROS 2, and build the image of this robot",
+        run="the loop",
+        request="tour",
+    ),
+}
 HIDDEN = ("gitignore", "vscode")
-NEXT = """{name} is a robot of three services{git}. Next:
+NEXT = """{name} is a robot of {services}{git}. Next:
 {cd}  rorg validate                     # every mistake, with file:line:column
-  rorg build                        # on Docker, once: fetch the images
-  rorg run                          # the loop; without Docker: rorg run --engine process
-  rorg request navigation --wait    # in another terminal: it starts, with all that it needs
+  rorg build                        # {build}
+  rorg run                          # {run}
+  {request}# in another terminal: it starts, with all that it needs
   rorg down                         # stop and remove everything; the files stay"""
 
 
 def command(
     directory: Annotated[Path, Argument("Directory to write to; created if missing.", show_default=False)] = Path("."),
+    *,
+    template: Annotated[
+        str, Option("first: three small services. ros2: nodes of ROS 2, one of them managed.", choices=tuple(TEMPLATES))
+    ] = FIRST,
 ) -> None:
-    """Write a first robot, ready to run: three services with comments, schemas for editors, in git.
+    """Write a first robot, ready to run: services with comments, schemas for editors, in git.
 
-    Example: rorg init robot
+    Example: rorg init robot --template ros2
     """
     from rorg.manifest.schema import write
 
-    files = {_place(path): path for path in sorted(TEMPLATE.rglob("*")) if path.is_file() and path.suffix != ".pyc"}
+    chosen = TEMPLATES[template]
+    files = {_place(path.relative_to(chosen.folder)): path for path in _files(chosen.folder)}
     there = [str(place) for place in (*files, Path("schemas")) if (directory / place).exists()]
     if there:
         raise Refused(f"write a robot into {directory}", f"{', '.join(there)} already exists", "another directory")
@@ -38,18 +71,26 @@ def command(
             (directory / place).parent.mkdir(parents=True, exist_ok=True)
             (directory / place).write_bytes(path.read_bytes())
         write(directory / "schemas", check=False)
+    written = sorted({"schemas", *(place.parts[0] for place in files)})
+    values = chosen._asdict() | {"request": f"rorg request {chosen.request} --wait".ljust(34)}
     change = "" if directory == Path(".") else f"  cd {directory}\n"
-    note(NEXT.format(name=directory.resolve().name, git=_committed(directory), cd=change))
+    note(NEXT.format(name=directory.resolve().name, git=_committed(directory, written), cd=change, **values))
 
 
-def _place(path: Path) -> Path:
+def _files(template: Path) -> Iterator[Path]:
+    """The files of a template, also those below its links, which lead to other parts of rorg."""
+    for folder, folders, names in os.walk(template, followlinks=True):
+        folders[:] = sorted(name for name in folders if name != "__pycache__")
+        yield from (Path(folder) / name for name in sorted(names))
+
+
+def _place(place: Path) -> Path:
     """The place of a file of the template, where hidden names have no dot so that no tool obeys them here."""
-    place = path.relative_to(TEMPLATE)
     return Path(f".{place}") if place.parts[0] in HIDDEN else place
 
 
-def _committed(directory: Path) -> str:
-    """Commits it to git with the user's identity; a text about the result."""
+def _committed(directory: Path, written: list[str]) -> str:
+    """Commits what is written to git with the user's identity; a text about the result."""
     import subprocess
 
     def git(*words: str) -> bool:
@@ -58,8 +99,8 @@ def _committed(directory: Path) -> str:
     try:
         if not git("rev-parse", "--git-dir") and not git("init", "--quiet"):
             return ""
-        git("add", "--", *WRITTEN)
-        done = git("commit", "--quiet", "--message", "A first robot", "--", *WRITTEN)
+        git("add", "--", *written)
+        done = git("commit", "--quiet", "--message", "A first robot", "--", *written)
         return ", in git" if done else "; commit it: `git commit -am 'A first robot'`"
     except OSError:  # there is no git here; rorg works without it
         return ""
