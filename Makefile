@@ -40,7 +40,7 @@ properties: $(VENV)/test-installed
 
 # ROS 2: a thousand requests and releases through its node, and what pausing does to peers (docs/how-to/ros2.md).
 ros2: $(VENV)/test-installed
-	RORG_TEST_ROS_CYCLES=$(or $(CYCLES),1000) $(BIN)/pytest -s tests/test_ros2_*.py tests/bench/test_ros2_pausing.py -o norecursedirs=x $(ARGS)
+	RORG_TEST_ROS_CYCLES=$(or $(CYCLES),1000) RORG_TEST_ROS_MINUTES=$(or $(MINUTES),5) $(BIN)/pytest -s tests/test_ros2_*.py tests/bench/test_ros2_pausing.py -o norecursedirs=x $(ARGS)
 
 # Steady work on a robot of twenty services for MINUTES: how memory, descriptors and threads change over its second
 # half, and whether what runs is what is asked for. `make test` does the same for some seconds.
