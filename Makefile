@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: site demo test engines properties fuzz soak ros2 lint types bench corpus schemas docs evaluation constraints deb arm vm clean
+.PHONY: site demo test engines pythons properties fuzz soak ros2 lint types bench corpus schemas docs evaluation constraints deb arm vm clean
 
 # Debian keeps the venv of its Python in a package of its own; .ci/venv sees to that.
 $(BIN)/rorg: pyproject.toml
@@ -28,6 +28,10 @@ test: lint types
 engines: $(VENV)/test-installed
 	RORG_TEST_RECORD=1 RORG_TEST_CYCLES=200 RORG_TEST_UPDATES=20 .ci/engines docker docker26 docker26-containerd podman podman-rootless
 	$(BIN)/python docs/reference/generate.py
+
+# More of the tests that need no Docker, on each Python after 3.11 that this machine has: some minutes each.
+pythons:
+	.ci/versions all
 
 # All cases of tests/fuzzing.py, of which `make test` tries a few: half an hour. FUZZ=0.1 for a tenth of them.
 fuzz: $(VENV)/test-installed

@@ -119,8 +119,8 @@ def _own_address() -> str:
         (Probe("http", "http://localhost:80/health"), True),
         (Probe("http", "http://127.3.2.1/health"), True),
         (Probe("http", "http://robot/localhost"), False),
-        (Probe("ros_node", "/localhost", master="http://robot:11311"), False),
-        (Probe("ros_node", "/robot", master="http://localhost:11311"), True),
+        (Probe("ros_node", "/localhost", graph="http://robot:11311"), False),
+        (Probe("ros_node", "/robot", graph="http://localhost:11311"), True),
     ],
     ids=str,
 )
