@@ -57,6 +57,9 @@ def call_until_the_cut(robot: Robot, mark: str, book: Book, dice: random.Random)
     wait_for(lambda: book.calls >= before + FEW or not reader.is_alive(), 120, "calls")
     assert reader.is_alive(), said[-20:]
     time.sleep(dice.uniform(0.0, 3.0))  # any moment of whatever rorg does
+    if dice.random() < 0.7:  # most often, one while a call is under way
+        wait_for(lambda: book.asked or not reader.is_alive(), 60, "a call")
+        time.sleep(dice.uniform(0.0, 0.1))
     robot.guest.cut(kept=dice.choice((0.0, 0.5, 0.9)))
     caller.wait(60)
     reader.join(60)
