@@ -14,7 +14,10 @@ import pages
 import pytest
 from conftest import ROOT
 
+from rorg.cli.init import files
+
 PAGE = ROOT / "docs/tutorial.md"
+ROS2_ROBOT = ROOT / "rorg/cli/ros2_robot"
 PREPARE = f"""set -e
 cp /wheels/*.whl .
 git config --global user.name you
@@ -63,15 +66,10 @@ def test_the_wheel_holds_the_client_the_demo_and_the_first_robots(wheel):
         "rorg/cli/demo/tritonbot/manifests/services/roscore.yaml",
         "rorg/cli/demo/tritonbot/images/standin/standin",
         "rorg/cli/first_robot/services/navigation.yaml",
-        "rorg/cli/ros2_robot/gitignore",
-        "rorg/cli/ros2_robot/vscode/settings.json",
-        "rorg/cli/ros2_robot/software/Dockerfile",
-        "rorg/cli/ros2_robot/software/rorg_client/ros/bridge.py",
-        "rorg/cli/ros2_robot/software/rorg_ros2/resource/rorg_ros2",
-        "rorg/cli/ros2_robot/software/rorg_ros2_interfaces/srv/RequestServices.srv",
         "rorg/manifest/profiles/common.yaml",
+        *(f"rorg/cli/ros2_robot/{path.relative_to(ROS2_ROBOT)}" for path in files(ROS2_ROBOT)),
     ):
-        assert name in names
+        assert name in names, name
     assert not [name for name in names if name.startswith(("tests/", "docs/"))]
 
 

@@ -11,10 +11,15 @@ import pages
 import pytest
 from conftest import ROOT
 from debian_images import bring_ros2
-from test_how_to import PREPARE
 
 pytestmark = pytest.mark.docker
 STEPS = pages.steps(ROOT / "docs/tutorial-ros2.md")
+PREPARE = f"""set -e
+trap 'echo "{pages.SAID}failed"; rorg down --yes; wait' ERR
+git config --global user.name you
+git config --global user.email you@localhost
+exec 2>&1
+"""
 JAZZY = """FROM {image}
 ENV ROS_DISTRO=jazzy
 RUN mkdir -p /opt/ros/jazzy \\

@@ -62,22 +62,22 @@ def command(
     from rorg.manifest.schema import write
 
     chosen = TEMPLATES[template]
-    files = {_place(path.relative_to(chosen.folder)): path for path in _files(chosen.folder)}
-    there = [str(place) for place in (*files, Path("schemas")) if (directory / place).exists()]
+    places = {_place(path.relative_to(chosen.folder)): path for path in files(chosen.folder)}
+    there = [str(place) for place in (*places, Path("schemas")) if (directory / place).exists()]
     if there:
         raise Refused(f"write a robot into {directory}", f"{', '.join(there)} already exists", "another directory")
     with disk_errors(f"write a robot into {directory}", "another one"):
-        for place, path in files.items():
+        for place, path in places.items():
             (directory / place).parent.mkdir(parents=True, exist_ok=True)
             (directory / place).write_bytes(path.read_bytes())
         write(directory / "schemas", check=False)
-    written = sorted({"schemas", *(place.parts[0] for place in files)})
+    written = sorted({"schemas", *(place.parts[0] for place in places)})
     values = chosen._asdict() | {"request": f"rorg request {chosen.request} --wait".ljust(34)}
     change = "" if directory == Path(".") else f"  cd {directory}\n"
     note(NEXT.format(name=directory.resolve().name, git=_committed(directory, written), cd=change, **values))
 
 
-def _files(template: Path) -> Iterator[Path]:
+def files(template: Path) -> Iterator[Path]:
     """The files of a template, also those below its links, which lead to other parts of rorg."""
     for folder, folders, names in os.walk(template, followlinks=True):
         folders[:] = sorted(name for name in folders if name != "__pycache__")
