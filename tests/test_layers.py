@@ -84,7 +84,7 @@ COMPUTING = {
 HERE = {
     *("pyproject.toml", "Makefile", ".ci", ".gitignore", "LICENSE", "README.md", "CHANGELOG.md", "CONTRIBUTING.md"),
     "SECURITY.md",
-    *("rorg", "clients", "examples", "manifests", "schemas", "images", "tests", "docs"),
+    *("rorg", "clients", "manifests", "schemas", "images", "tests", "docs"),
 }
 """All that the top of the repository holds."""
 MODULES = {module_of(path): path for path in files()}

@@ -25,7 +25,7 @@ PAGES = [
     *sorted(ROOT.glob("*.md")),
     *sorted((ROOT / "docs").rglob("*.md")),
     *(ROOT / "manifests/README.md", ROOT / "clients/ros1/README.md"),
-    *(ROOT / "rorg/cli/first_robot/README.md", ROOT / "examples/ros2/README.md"),
+    *(ROOT / "rorg/cli/first_robot/README.md", ROOT / "clients/example_ros2/README.md"),
 ]
 BLOCK = re.compile(r"^( *)```(\w+)\n(.*?)^\1```", re.M | re.S)
 PART = re.compile(r"# part of an? (\w+)\n")
