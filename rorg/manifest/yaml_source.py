@@ -173,8 +173,21 @@ def check_size(text: str, most: float = math.inf) -> None:
     signs = sum(map(text.count, ",[{-:?"))
     if signs <= MAX_DEPTH and 2 * signs < most:
         return
+    try:
+        _count(text, most, _Loader)
+    except yaml.MarkedYAMLError as error:
+        if error.problem != LIBYAML_TOO_DEEP:
+            raise
+        _count(text, most, yaml.SafeLoader)  # it reads only as far as the limit
+
+
+LIBYAML_TOO_DEEP = "exceeded maximum nesting depth"
+"""What libyaml says from PyYAML 6.0.4 on, which looks far ahead, about a place behind the one that is too deep here."""
+
+
+def _count(text: str, most: float, loader: Any) -> None:
     depth = count = 0
-    for event in yaml.parse(text, Loader=_Loader):
+    for event in yaml.parse(text, Loader=loader):
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
         count += isinstance(event, yaml.NodeEvent)
         if depth > MAX_DEPTH or count > most:
