@@ -39,7 +39,7 @@ class Ros:
 
     def unreported(self, catalog: Catalog) -> dict[str, float]:
         """Return graphs of ROS 2 with managed nodes that nothing reports -> since when."""
-        domains = {s.domain for s in catalog.services.values() if s.managed and s.domain is not None}
+        domains = {s.domain for s in self.ros2.managed(catalog).values() if s.domain is not None}
         return {graph_of_domain(domain): since for domain, since in self.ros2.exchange.unreported(domains).items()}
 
     def look(self, situation: Situation) -> None:

@@ -10,7 +10,7 @@ from rorg.core.observed import Container, Observed
 from rorg.core.ros_graph import Graphs, RosGraph
 from rorg.core.situation import Situation
 from rorg.core.status import ros_nodes
-from rorg.model.catalog import Catalog
+from rorg.model.catalog import Catalog, Service
 from rorg.model.ros import graph_of_domain
 from rorg.probes.ros2_exchange import Ros2Exchange, State
 
@@ -26,12 +26,19 @@ class Ros2Watch:
         """Container id -> as the engine sees it, and as inactive; unchanged ones stay the same object."""
         self._graphs: tuple[tuple[Graphs, Mapping[int, RosGraph], Catalog] | None, Graphs] = (None, {})
         """What the graphs were made from, and the graphs."""
+        self._managed: tuple[Catalog | None, Mapping[str, Service]] = (None, {})
         self._overlaid: tuple[object, Observed] | None = None
+
+    def managed(self, catalog: Catalog) -> Mapping[str, Service]:
+        """Return the services with managed nodes."""
+        if catalog is not self._managed[0]:
+            self._managed = catalog, {n: s for n, s in catalog.services.items() if s.managed}
+        return self._managed[1]
 
     def overlay(self, observed: Observed, catalog: Catalog) -> Observed:
         """Return what is observed, with containers as inactive that run a managed node which is not active. A state
         that was asked for before the present run began is not known."""
-        managed = {n: s for n, s in catalog.services.items() if s.managed}
+        managed = self.managed(catalog)
         if not managed:
             return observed
         inactive = dict[str, tuple[Container, Container]]()
@@ -65,11 +72,12 @@ class Ros2Watch:
         return since
 
     def look(self, situation: Situation) -> None:
-        """Have the managed nodes of services that are alive watched."""
+        """Have the managed nodes of services that run watched; paused ones cannot answer."""
         watched: dict[int, tuple[str, ...]] = {}
-        for name, service in situation.desired.catalog.services.items():
-            current = situation.observed.current(name) if service.managed else None
-            if current is not None and current.alive and service.domain is not None:
+        for name, service in self.managed(situation.desired.catalog).items():
+            current = situation.observed.current(name)
+            running = current is not None and current.state in ("running", "inactive")
+            if running and service.domain is not None:
                 known = watched.get(service.domain, ())
                 watched[service.domain] = tuple(dict.fromkeys((*known, *service.managed)))
         self.exchange.watch(watched)

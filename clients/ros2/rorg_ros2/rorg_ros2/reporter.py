@@ -40,7 +40,6 @@ OF_EVERY_NODE = (
     *('/get_parameters', '/list_parameters', '/set_parameters', '/set_parameters_atomically'),
     '/get_type_description',
 )
-Ends = dict[str, list[str]]
 
 
 class Reporter:
