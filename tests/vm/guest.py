@@ -57,7 +57,7 @@ class Guest:
         """KVM is left out: nested, it is often missing or broken."""
         return [
             *("qemu-system-x86_64", "-accel", "tcg,thread=multi", "-smp", f"{CORES}", "-m", f"{MEMORY}"),
-            *("-nodefaults", "-display", "none", "-no-reboot", "-serial", f"file:{self.folder}/console.log"),
+            *("-display", "none", "-monitor", "none", "-no-reboot", "-serial", f"file:{self.folder}/console.log"),
             *("-kernel", f"{self.base}/vmlinuz", "-initrd", f"{self.base}/initrd.img"),
             *("-append", "console=ttyS0 root=/dev/vda rw quiet panic=-1 mitigations=off"),
             *self.drive(),

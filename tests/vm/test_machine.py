@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from conftest import wait_for
 from cuts import Book, call_until_the_cut, check
+from disk_cache import ENTRY, FLUSH, HEAD, MAGIC, replay
 from guest import Guest
 from robot import PERSON, Robot
 
@@ -170,6 +171,20 @@ def test_the_book_finds_what_is_lost_and_what_is_back():
     assert book.problems({"a": "1", "b": "2"}) == book.problems({"a": "1"}) == []
     book.note('["has", "b", null]')
     assert len(book.problems({"a": "1", "b": "2"})) == 1
+
+
+def test_a_replay_keeps_what_was_flushed_and_loses_the_rest(tmp_path):
+    """A log as qemu writes it: two writes, a flush, another write."""
+    log, disk = tmp_path / "log", tmp_path / "disk"
+    wrote = [(0, 1, 0), (2, 1, 0), (0, 0, FLUSH), (2, 1, 0)]
+    parts = [HEAD.pack(MAGIC, 1, len(wrote), 512).ljust(512, b"\0")]
+    for number, (sector, count, flags) in enumerate(wrote):
+        parts += [ENTRY.pack(sector, count, flags, 0).ljust(512, b"\0"), bytes([number + 1]) * 512 * count]
+    log.write_bytes(b"".join(parts))
+    for kept, last in ((0.0, 2), (1.0, 4)):
+        disk.write_bytes(bytes(2048))
+        assert replay(log, disk, random.Random(), kept) == (1, 1 if kept == 0.0 else 0)
+        assert disk.read_bytes()[::512] == bytes([1, 0, last, 0])
 
 
 def test_acknowledged_requests_survive_power_cuts(robot):
