@@ -334,7 +334,7 @@ def test_a_bug_in_one_pass_is_told_and_the_next_goes_on(robot, monkeypatch):
     robot.declare({"arm": {"always_on": True}})
     robot.wait(lambda: robot.active() == {"arm"})
     with monkeypatch.context() as patch:
-        patch.setattr(robot.loop.ros, "look", lambda situation: 1 / 0)
+        patch.setattr(robot.loop.ros.masters, "look", lambda situation: 1 / 0)
         robot.kill("arm")
         robot.wait(lambda: any("internal error" in line for line in robot.lines))
     robot.wait(lambda: robot.active() == {"arm"})

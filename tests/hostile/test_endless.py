@@ -63,7 +63,7 @@ def within(seconds: float, memory: int):
 @pytest.mark.parametrize("say", HTTP.values(), ids=HTTP)
 def test_every_probe_of_a_host_ends(say):
     with host(say) as asked, ThreadPoolExecutor(4) as pool, within(6, 20 * MEBI):
-        probes = [Probe(kind, "/x", master=asked.url) for kind in ("ros_node", "ros_topic", "ros_service")]
+        probes = [Probe(kind, "/x", graph=asked.url) for kind in ("ros_node", "ros_topic", "ros_service")]
         found = list(pool.map(ask_host, [Probe("http", asked.url), *probes]))
     assert not any(answer.ok for answer in found)
     assert max(len(answer.message) for answer in found) < 300
@@ -72,7 +72,7 @@ def test_every_probe_of_a_host_ends(say):
 @pytest.mark.parametrize("say", XML.values(), ids=XML)
 def test_a_ros_probe_takes_no_more_of_an_answer_than_it_needs(say):
     with host(say) as asked, within(10, 100 * MEBI):
-        found = ask_host(Probe("ros_topic", "/x", master=asked.url))
+        found = ask_host(Probe("ros_topic", "/x", graph=asked.url))
     assert not found.ok
     assert "does not answer" in found.message
     assert len(found.message) < 400
@@ -81,7 +81,7 @@ def test_a_ros_probe_takes_no_more_of_an_answer_than_it_needs(say):
 def test_the_node_that_a_master_names_may_be_anything():
     for say in (HTTP["drip"], XML["values"]):
         with host(say) as node, host(answer([1, "", node.url])) as master, within(6, 100 * MEBI):
-            assert not ask_host(Probe("ros_node", "/x", master=master.url)).ok
+            assert not ask_host(Probe("ros_node", "/x", graph=master.url)).ok
             assert node.asked == 1
     for place in (
         "https://localhost:1",
@@ -96,7 +96,7 @@ def test_the_node_that_a_master_names_may_be_anything():
     ):
         with host(answer([1, "", place])) as master:
             for kind in ("ros_node", "ros_service"):
-                assert "does not answer" in ask_host(Probe(kind, "/x", master=master.url)).message
+                assert "does not answer" in ask_host(Probe(kind, "/x", graph=master.url)).message
 
 
 @pytest.mark.parametrize(
@@ -104,7 +104,7 @@ def test_the_node_that_a_master_names_may_be_anything():
 )
 def test_what_is_no_graph_ends_neither_probe_nor_watch(value):
     with host(answer(value)) as master:
-        assert not ask_host(Probe("ros_topic", "/x", master=master.url)).ok
+        assert not ask_host(Probe("ros_topic", "/x", graph=master.url)).ok
         with pytest.raises(OSError, match="its answer"):
             read_state(master.url)
 
@@ -114,7 +114,7 @@ def test_a_redirect_is_an_answer_and_leads_nowhere():
         moved = f"HTTP/1.1 302 Found\r\nLocation: {other.url}\r\nContent-Length: 0\r\n\r\n"
         with host(said(moved.encode())) as asked:
             assert ask_host(Probe("http", asked.url)) == YES
-            assert not ask_host(Probe("ros_node", "/x", master=asked.url)).ok
+            assert not ask_host(Probe("ros_node", "/x", graph=asked.url)).ok
         assert other.asked == 0
 
 

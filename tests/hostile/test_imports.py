@@ -236,7 +236,7 @@ def test_a_launch_file_includes_nothing_outside_of_its_project(folder):
     launch(other.parent, other.name, '<node name="hidden" pkg="p" type="t"/>')
     launch(folder, text=f'<include file="{other}"/><node name="own" pkg="p" type="t"/>')
     found = imported(folder, "roslaunch", "a.launch")
-    assert found.code == 2, "it is written, but a container cannot be called 'a'"
+    assert found.code == 0
     assert "outside" in found.out
     assert "hidden" not in (folder / "manifests/services/a.yaml").read_text()
 

@@ -75,6 +75,7 @@ SERVICE: tuple[tuple[str, Say], ...] = (
     ("protected", lambda s: "Compose stops any service" if s.protected else ""),
     ("devices", lambda s: "Compose does not wait for devices, or stop services without them" if s.devices else ""),
     ("ros", lambda s: f"{_names(tuple(s.ros.values))}; Compose sets no parameters" if s.ros else ""),
+    ("managed", lambda s: f"{_names(s.managed)}; Compose activates no nodes" if s.managed else ""),
     ("on_change", lambda s: f"{s.on_change}; Compose does not watch files" if s.on_change != "restart" else ""),
     ("priority", lambda s: str(s.priority) if s.priority != 50 else ""),
     ("resources", lambda s: _resources(s)),
