@@ -125,7 +125,7 @@ def _some(names: Iterable[str]) -> str:
 ATTEMPTS = 2
 """Failed attempts to pause or deactivate after which a service is stopped instead: pausing can fail under load ("unable
 to freeze"), and a transition can fail or hang."""
-UNREPORTED = 10.0
+UNREPORTED = 30.0
 """Seconds without a report of the ROS 2 graph after which a service is stopped instead of deactivated. A reporter that
 was restarted, or that finds a restarted rorg, is back sooner."""
 Ceasing = tuple[list[Step], float | None]
