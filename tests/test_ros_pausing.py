@@ -132,7 +132,7 @@ def test_a_node_that_another_service_takes_from_a_paused_one_is_told(docker_robo
 
 def owners(robot) -> set[str]:
     """Services of which a node is known."""
-    return {service for graph in robot.loop.ros.graphs.values() for service in graph.nodes.values()}
+    return {service for graph in robot.loop.ros.masters.graphs.values() for service in graph.nodes.values()}
 
 
 def cautions(robot, service: str) -> list[str]:

@@ -151,7 +151,7 @@ def test_a_crash_is_answered(dockerd, tmp_path):
     robot = RealRobot(tmp_path, "docker", dockerd.host)
     begun: list[float] = []
     perform = module.perform
-    module.perform = lambda engine, action: (begun.append(time.time()), perform(engine, action))[1]
+    module.perform = lambda *args: (begun.append(time.time()), perform(*args))[1]
     try:
         robot.declare({f"s{n:02}": {"always_on": True} for n in range(41)})
         robot.wait(lambda: len(robot.active()) == 41, 120)
