@@ -84,7 +84,7 @@ def test_a_longer_linger_costs_cpu_and_spares_waiting(tree):
         ("linger=2s,linger=3s", "twice"),
         ("linger=2s,speed=3", "'speed=3' is not a setting"),
         ("linger=soon", "not a duration"),
-        ("idle=sleep", "'pause', 'stop' or 'remove'"),
+        ("idle=sleep", "'pause', 'deactivate', 'stop' or 'remove'"),
     ],
 )
 def test_what_is_no_variant_is_refused(tree, text, why):
