@@ -62,8 +62,8 @@ def write_tree(root: Path, services: dict[str, dict], **kinds: dict[str, dict]) 
         for name, spec in specs.items():
             if kind == "Service" and spec.get("type") != "meta":
                 spec = {"image": BASE_IMAGE, "command": WORK, **spec}
-            labels = {"labels": spec["labels"]} if "labels" in spec else {}
-            spec = {key: value for key, value in spec.items() if key != "labels"}
+            labels = {"labels": spec["labels"]} if kind == "Service" and "labels" in spec else {}
+            spec = {key: value for key, value in spec.items() if not (key == "labels" and kind == "Service")}
             document = {"apiVersion": "rorg/v1", "kind": kind, "metadata": {"name": name, **labels}, "spec": spec}
             text = yaml.dump(document, Dumper=DUMPER, sort_keys=False)
             path = root / folder / f"{name}.yaml"
