@@ -62,7 +62,7 @@ def test_what_is_pushed_comes_into_force_and_what_is_wrong_does_not(robot):
     second = pushed(robot, {**SERVICES, "leg": {}}, "A leg")
     wait_for(lambda: "leg" in names(robot), what="a push to be noticed")
     assert in_force(robot)["commit"] == second
-    assert any("A leg (Anna) comes into force" in text for text in told(robot, "git-commit"))
+    wait_for(lambda: any("A leg (Anna) comes into force" in text for text in told(robot, "git-commit")))
 
     robot.origin.push("Wrong", {"robot/services/arm.yaml": BROKEN})
     wait_for(lambda: robot.client().call("GET", "/v1/status")["tree"]["errors"])
