@@ -828,7 +828,7 @@ def meddle(robot: SimRobot, verb: str, current: Container) -> None:
     elif verb == "pause":
         with contextlib.suppress(RorgError):
             robot.engine.pause(current.id)
-    elif verb == "rest":  # somebody deactivates its node
+    elif verb == "rest" and robot.desired.catalog.services[current.service].managed:  # somebody deactivates its node
         with contextlib.suppress(RorgError):
             robot.engine.deactivate(current.id, 0, ())
 
