@@ -39,6 +39,8 @@ INFRASTRUCTURE = {
 }
 """Programs that all others talk to, by the name of their command. A call to a paused one does not fail; it hangs until
 the program resumes."""
+DDS_LEASE = 20.0
+"""Seconds after which Fast DDS gives up a node that is silent (measured: docs/how-to/ros2.md)."""
 LATCHED = frozenset(("map_server", "static_transform_publisher", "robot_state_publisher", "tf2_ros"))
 
 
@@ -113,6 +115,15 @@ def _callees(robot: Robot) -> Iterator[Finding]:
             yield Finding("pause-with-healthcheck", where, message)
 
 
+def _leaving(robot: Robot) -> Iterator[Finding]:
+    """Programs of ROS 2 whose pause may last until their peers give them up."""
+    for subject in (s for s in robot.ros2 if s.pauses and not s.mindful):
+        after, _ = subject.service.idle.escalate or (NEVER, "")
+        if after > DDS_LEASE:
+            message = f"'{subject.name}' runs ROS 2, and is paused for as long as nobody requests it"
+            yield Finding("pause-of-ros2-node", subject.at("idle", "action"), message)
+
+
 def _servers(robot: Robot) -> Iterator[Finding]:
     """Paused servers that others connect to without keeping them active."""
     for subject in (s for s in robot.subjects if s.pauses and not s.is_master and ports_of(s)):
@@ -155,4 +166,4 @@ def _never_paused(subject: Subject) -> Iterator[Finding]:
         yield Finding("connected-without-pause", subject.at("idle", "connected"), message)
 
 
-CHECKS = (_infrastructure, _actuators, _nodes, _callees, _servers, *map(each, (_never_paused, _lingering)))
+CHECKS = (_infrastructure, _actuators, _nodes, _callees, _leaving, _servers, *map(each, (_never_paused, _lingering)))

@@ -80,6 +80,9 @@ pause-of-latched-publisher: Late subscribers never receive the map or the transf
   try idle: {action: stop}, or {action: pause, connected: stop}, or needs of those that use it
 connected-without-pause: `connected` says what to do instead of a pause, but this service is never paused.
   try idle: {action: pause, connected: stop}
+pause-of-ros2-node (once): DDS gives up a node 20 s after the pause. Its name does not come back, and calls are
+  lost.
+  try idle: {action: stop}, or {action: pause, connected: stop}, or escalate after at most 20s
 pause-with-healthcheck: The engine also probes paused containers, and calls them unhealthy.
   try `ready` and `live`, which rorg asks only of what runs
 ready-after-its-timeout: Every start counts as late.
