@@ -10,6 +10,7 @@ import pytest
 import yaml
 from commands import rorg
 from conftest import ROOT
+from finding_cases import build
 
 from rorg.manifest.container import ContainerOptions
 from rorg.model.catalog import Image, Service
@@ -83,6 +84,26 @@ def test_secrets_are_in_a_file_of_their_own(folder):
 
 def test_a_profile_of_seccomp_is_a_file(folder):
     assert json.loads((folder / "every.seccomp.json").read_text()) == {"defaultAction": "SCMP_ACT_ALLOW"}
+
+
+def test_parameters_of_ros2_are_a_file_that_the_container_mounts(tmp_path):
+    spec = """image: ros:jazzy
+command: ros2 run nav2_amcl amcl
+profile: ros2
+ros: {parameters: {/amcl/laser/max_range: 12.0, /amcl/rate: 5}, remap: {scan: /front}}
+"""
+    build(tmp_path / "manifests", {"amcl": spec})
+    told = rorg("export", "compose", "manifests", "--output", "compose.yaml", cwd=tmp_path)
+    assert "${rorg.run}" not in (tmp_path / "compose.yaml").read_text()
+    service = yaml.safe_load((tmp_path / "compose.yaml").read_text())["services"]["amcl"]
+    assert service["volumes"] == ["./amcl.parameters.yaml:/ros-parameters.yaml:ro"]
+    assert service["command"][-5:] == ["--ros-args", "--remap", "scan:=/front", "--params-file", "/ros-parameters.yaml"]
+    written = yaml.safe_load((tmp_path / "amcl.parameters.yaml").read_text())
+    assert written == {
+        "/amcl": {"ros__parameters": {"rate": 5}},
+        "/amcl/laser": {"ros__parameters": {"max_range": 12.0}},
+    }
+    assert "sets no parameters" not in told.stderr
 
 
 def test_nothing_that_is_there_is_written_over(folder):

@@ -7,7 +7,8 @@ import math
 from collections.abc import Callable, Collection, Iterator, Mapping
 from typing import Any
 
-from rorg.model.catalog import RUN, Spec
+from rorg.model.catalog import Spec
+from rorg.model.run_directory import RUN
 from rorg.model.volumes import Volume, parse_volume
 
 FREE = frozenset(

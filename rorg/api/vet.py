@@ -20,8 +20,9 @@ from rorg.manifest.profiles import COMMON, built_in_profiles
 from rorg.manifest.service import ServiceSpec
 from rorg.manifest.variables import Variables, fill, read_variables
 from rorg.manifest.yaml_source import read_yaml
-from rorg.model.catalog import RUN, Catalog, Probe, Service
+from rorg.model.catalog import Catalog, Probe, Service
 from rorg.model.diagnostics import collected
+from rorg.model.run_directory import socket_folder
 
 FIELDS = frozenset(
     {
@@ -173,7 +174,7 @@ def _granted(grant: Service) -> set[str]:
 
 def _more(service: Service, others: list[Service], grant: Service, manager: Service, catalog: Catalog) -> Iterator[str]:
     """Rights of a service that none of the others has."""
-    folder = f"{RUN}/services/{service.name}"
+    folder = socket_folder(service.name)
     spec = dict(service.spec or {})
     spec["volumes"] = [v for v in spec.get("volumes", ()) if v != f"{folder}:{folder}:ro"]
     specs = [other.spec or {} for other in others]

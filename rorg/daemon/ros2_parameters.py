@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from rorg.model.catalog import Catalog
-from rorg.model.ros import PARAMETER_FILE
+from rorg.model.ros import PARAMETER_FILE, parameter_file
 from rorg.store.files import make_directory, write_atomic
 
 
@@ -31,17 +30,8 @@ class ParameterFiles:
                 make_directory(self.folder, 0o700)
                 make_directory(self.folder / name, 0o755)
                 # Programs in containers run as any user. Other users of this machine do not get as far as this folder.
-                write_atomic(self.folder / name / PARAMETER_FILE, text_of(service.ros.values), mode=0o644)
+                write_atomic(self.folder / name / PARAMETER_FILE, parameter_file(service.ros.values), mode=0o644)
             except OSError as error:
                 self.tell(f"cannot write the ROS parameters of {name}: {error}")
             else:
                 self._written[name] = service.ros.values
-
-
-def text_of(values: Mapping[str, Any]) -> str:
-    """Return parameters by absolute name in the form of a ROS 2 file of parameters."""
-    nodes: dict[str, dict[str, dict[str, Any]]] = {}
-    for name, value in sorted(values.items()):
-        node, _, parameter = name.rpartition("/")
-        nodes.setdefault(node, {"ros__parameters": {}})["ros__parameters"][parameter] = value
-    return json.dumps(nodes, sort_keys=True, indent=1) + "\n"  # JSON is YAML

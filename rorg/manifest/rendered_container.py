@@ -22,8 +22,8 @@ from rorg.manifest.profiles import Merged, Origin, Origins, declared, merge_opti
 from rorg.manifest.programs import for_engine
 from rorg.manifest.ros2 import environment_of, with_arguments
 from rorg.manifest.together import Clash, clashes
-from rorg.model.catalog import RUN
 from rorg.model.diagnostics import Diagnostic, Reading, collected, nearest
+from rorg.model.run_directory import RUN, socket_folder
 from rorg.model.volumes import mounted_at
 
 CALLS = ("may_request", "may_manage", "may_act_for", "may_report_graph")
@@ -101,7 +101,7 @@ def parts(source: Source, profile: Merged) -> Reading[list[tuple[dict[str, Any],
     if spec.ros and (variables := environment_of(spec.ros)):
         additions.append(({"environment": variables}, "ros"))
     if any(getattr(spec, permission) for permission in CALLS):
-        folder = f"{RUN}/services/{source.name}"
+        folder = socket_folder(source.name)
         # The directory, not the socket: after a restart of rorg, a mounted socket is dead.
         socket = {"RORG_SOCKET": f"{folder}/rorg.sock"}
         additions.append(({"volumes": [f"{folder}:{folder}:ro"], "environment": socket}, CALLS[0]))

@@ -11,9 +11,9 @@ from typing import Any
 
 from rorg.manifest.documents import Source
 from rorg.manifest.ros import Ros
-from rorg.model.catalog import RUN
 from rorg.model.diagnostics import Diagnostic
 from rorg.model.ros import PARAMETER_FILE, without_master
+from rorg.model.run_directory import parameter_folder
 
 SHELLS = frozenset(("sh", "bash", "dash", "zsh"))
 MARK = "--ros-args"
@@ -55,18 +55,14 @@ def with_arguments(source: Source, container: dict[str, Any]) -> Iterator[Diagno
         yield Diagnostic(where, f"cannot hand names and parameters to this program: {why}", "a command of one node")
         return
     if ros.parameters:
-        folder = _folder(source.name)
+        folder = parameter_folder(source.name)
         container["volumes"] = [*container.get("volumes", ()), f"{folder}:{folder}:ro"]
     container["command"] = [*command, MARK, *arguments]
 
 
-def _folder(name: str) -> str:
-    return f"{RUN}/parameters/{name}"
-
-
 def _arguments(name: str, ros: Ros) -> list[str]:
     renamed = [*({"__ns": ros.namespace} if ros.namespace else {}).items(), *ros.remap.items()]
-    files = [*ros.parameter_files, *([f"{_folder(name)}/{PARAMETER_FILE}"] if ros.parameters else [])]
+    files = [*ros.parameter_files, *([f"{parameter_folder(name)}/{PARAMETER_FILE}"] if ros.parameters else [])]
     return [
         *(word for before, after in renamed for word in ("--remap", f"{before}:={after}")),
         *(word for file in files for word in ("--params-file", file)),

@@ -20,9 +20,6 @@ DEVELOPER = "developer"
 EVERY = "*"
 """In `may_act_for`: every service, except developer."""
 
-RUN = "${rorg.run}"
-"""A placeholder for the directory of rorg's sockets, until it is known which rorg runs this tree."""
-
 SHORTEST_SECRET = 6
 """Minimum number of characters of a secret that is masked in texts; a shorter one occurs in any text."""
 

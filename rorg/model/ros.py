@@ -4,6 +4,7 @@ A graph has a name: the URI of a ROS 1 master, or `domain 0` for a domain of ROS
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Collection, Container, Mapping
 from dataclasses import dataclass, field
@@ -37,6 +38,15 @@ class RosParameters:
     """Name of the graph."""
     values: Mapping[str, Any] = field(default_factory=dict)
     """By absolute name, in plain JSON that XML-RPC can carry."""
+
+
+def parameter_file(values: Mapping[str, Any]) -> str:
+    """Parameters by absolute name, as the text of a file for `--params-file` of ROS 2."""
+    nodes: dict[str, dict[str, dict[str, Any]]] = {}
+    for name, value in sorted(values.items()):
+        node, _, parameter = name.rpartition("/")
+        nodes.setdefault(node, {"ros__parameters": {}})["ros__parameters"][parameter] = value
+    return json.dumps(nodes, sort_keys=True, indent=1) + "\n"  # JSON is YAML
 
 
 VARIABLES = (

@@ -11,9 +11,10 @@ from rorg.manifest.validation.robot import Finding, Robot
 from rorg.manifest.validation.ros2 import shares_memory
 from rorg.manifest.validation.run import allowed, allows_of, diagnostics
 from rorg.manifest.validation.subject import Subject
-from rorg.model.catalog import RUN, Catalog
+from rorg.model.catalog import Catalog
 from rorg.model.diagnostics import Diagnostic
 from rorg.model.machine import ABSENT, DEVICE, DIRECTORY, Machine
+from rorg.model.run_directory import RUN
 from rorg.model.units import format_memory
 from rorg.model.volumes import Mount
 

@@ -11,8 +11,8 @@ from rorg.manifest.files import real
 from rorg.manifest.validation.robot import Finding, Robot, each
 from rorg.manifest.validation.subject import Subject
 from rorg.manifest.validation.texts import named_files, read
-from rorg.model.catalog import RUN
 from rorg.model.diagnostics import HINT
+from rorg.model.run_directory import RUN
 from rorg.model.volumes import Mount
 
 ENGINES = ("docker.sock", "podman.sock", "containerd.sock", "crio.sock")

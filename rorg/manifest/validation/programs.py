@@ -7,9 +7,9 @@ from collections.abc import Iterator
 
 from rorg.manifest.validation.robot import Finding, Robot, each
 from rorg.manifest.validation.subject import SHELLS, Subject
-from rorg.model.catalog import RUN
 from rorg.model.diagnostics import HINT
 from rorg.model.image_names import HUB, declared
+from rorg.model.run_directory import RUN
 
 ROS1_NAMES, ROS2_NAMES = (
     frozenset(("indigo", "kinetic", "lunar", "melodic", "noetic")),

@@ -14,6 +14,8 @@ from typing import Any
 from rorg.model.catalog import Catalog, Service
 from rorg.model.image_names import declared, stem
 from rorg.model.objects import EngineObject, Kind
+from rorg.model.ros import PARAMETER_FILE, parameter_file
+from rorg.model.run_directory import parameter_folder
 from rorg.model.volumes import is_path
 from rorg.tools.compose.writer_env_files import env_files
 from rorg.tools.compose.writer_images import base_images, build
@@ -66,6 +68,7 @@ def _service(writing: Writing, service: Service, catalog: Catalog) -> Mapping[st
     spec = {"container_name": service.name, **(service.spec or {})}
     if secrets := _secrets(service):
         spec["environment"] = {k: v for k, v in spec["environment"].items() if k not in secrets}
+    _write_parameters(writing, service, spec)
     if "restart" not in spec and service.restart in RESTART:
         spec["restart"] = RESTART[service.restart]
     if spec.get("network_disabled"):
@@ -100,6 +103,22 @@ def _write_secrets(writing: Writing, files: Mapping[str, Mapping[str, str]]) -> 
         writing.note("secrets", f"{', '.join(sorted(values))}: in {file}, which is secret", lost=False)
     if files:
         writing.put("env_file", [f"./{file}" for file in files])
+
+
+PARAMETERS = "/ros-parameters.yaml"
+"""In the container: parameters of ROS 2, which rorg has in a file of its own."""
+
+
+def _write_parameters(writing: Writing, service: Service, spec: dict[str, Any]) -> None:
+    """Writes parameters of ROS 2 as a file, which the container mounts instead of rorg's."""
+    if service.ros is None or service.domain is None:
+        return
+    folder, name = parameter_folder(service.name), f"{service.name}.parameters.yaml"
+    writing.files[name] = parameter_file(service.ros.values)
+    writing.note("ros.parameters", f"{name}; a change needs a new container", lost=False)
+    mounts = [volume for volume in spec["volumes"] if volume != f"{folder}:{folder}:ro"]
+    spec["volumes"] = [*mounts, f"{writing.base}/{name}:{PARAMETERS}:ro"]
+    spec["command"] = [PARAMETERS if word == f"{folder}/{PARAMETER_FILE}" else word for word in spec["command"]]
 
 
 FIRST = ("image", "build", "container_name", "command", "entrypoint", "depends_on")

@@ -55,6 +55,12 @@ def _names(names: tuple[str, ...]) -> str:
     return ", ".join(names)
 
 
+def _ros_parameters(service: Service) -> str:
+    """Parameters of a ROS 1 master. Those of ROS 2 are a file."""
+    lost = service.ros.values if service.ros and service.domain is None else {}
+    return f"{_names(tuple(lost))}; Compose sets no parameters" if lost else ""
+
+
 SERVICE: tuple[tuple[str, Say], ...] = (
     ("always_on", lambda s: "Compose starts every service that `up` names" if s.always_on else ""),
     ("conflicts", lambda s: _names(s.conflicts)),
@@ -74,7 +80,7 @@ SERVICE: tuple[tuple[str, Say], ...] = (
     ),
     ("protected", lambda s: "Compose stops any service" if s.protected else ""),
     ("devices", lambda s: "Compose does not wait for devices, or stop services without them" if s.devices else ""),
-    ("ros", lambda s: f"{_names(tuple(s.ros.values))}; Compose sets no parameters" if s.ros else ""),
+    ("ros", _ros_parameters),
     ("managed", lambda s: f"{_names(s.managed)}; Compose activates no nodes" if s.managed else ""),
     ("on_change", lambda s: f"{s.on_change}; Compose does not watch files" if s.on_change != "restart" else ""),
     ("priority", lambda s: str(s.priority) if s.priority != 50 else ""),

@@ -10,8 +10,8 @@ import os
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from rorg.model.catalog import RUN
 from rorg.model.options import OF_COMPOSE
+from rorg.model.run_directory import RUN
 from rorg.model.units import format_duration
 from rorg.model.volumes import is_path
 from rorg.tools.compose.writer_text import Note
