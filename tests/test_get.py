@@ -6,6 +6,7 @@ import fcntl
 import json
 import os
 import pty
+import socket
 import struct
 import subprocess
 import sys
@@ -17,7 +18,7 @@ import commands
 import pytest
 import yaml
 from conftest import wait_for
-from robots import RealRobot
+from robots import RealRobot, write_tree
 from rorg_process import RorgProcess
 
 from rorg.cli.get import age
@@ -252,3 +253,19 @@ def test_without_any_good_manifests_none_are_said_to_be_in_force(tmp_path):
         assert "the last good ones are in force" in commands.rorg("get", RORG_STATE_DIR=str(robot.state)).stderr
     finally:
         robot.close()
+
+
+def test_what_reads_answers_beside_an_apply_where_a_killed_rorg_left_its_socket(tmp_path):
+    found = RealRobot(tmp_path, "process", None)
+    write_tree(found.tree, {"fine": {}})
+    (tmp_path / "manifests").symlink_to(found.tree)
+    found.state.run.mkdir(parents=True)
+    with socket.socket(socket.AF_UNIX) as left:  # bound, and nobody listens
+        left.bind(found.socket())
+    found.state.acquire("rorg apply")
+    try:
+        environment = {"RORG_STATE_DIR": str(found.state.path), "RORG_ENGINE": "process"}
+        assert "no request names it" in commands.rorg("why", "fine", cwd=tmp_path, **environment).stdout
+    finally:
+        found.state.release()
+        found.close()

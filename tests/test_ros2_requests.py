@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,6 +13,8 @@ from ros2_programs import Hand, Ros2, read
 from test_ros_requests import CYCLES, PAUSE, Rorg, held
 
 pytestmark = pytest.mark.docker
+SLEPT = 6.0
+"""Seconds for which the sleeper is paused at least: more than tests/ros2_nodes/sleeper.py takes for a stall."""
 CROWD = 8
 """Calls that wait at the same time: more than an executor has threads."""
 
@@ -70,13 +73,14 @@ def test_callers_get_through_the_end_of_the_node_and_of_rorg(robot, hand, tmp_pa
     assert read(tmp_path / "laptop") == [[True, "requested lamp"]]
     assert held(robot)["rorg_ros2"] == ["lamp"]
     hand.run("pkill", "-KILL", "-f", "ask.py")
+    crowd(robot, tmp_path)
     robot.release("sleep")
     robot.wait(lambda: robot.states()["sleeper"] == "paused")
-    crowd(robot, tmp_path)
+    paused = time.monotonic()
     restart_rorg(robot, tmp_path)
-    robot.wait(lambda: "rorg_ros2" not in held(robot), 60)  # what the laptop held
-
+    robot.wait(lambda: time.monotonic() > paused + SLEPT)  # and less than 20 s, after which DDS gives it up
     robot.request("sleeper", id="sleep")
+    robot.wait(lambda: "rorg_ros2" not in held(robot), 60)  # what the laptop held
     robot.wait(lambda: (tmp_path / "sleeper.again").exists(), 30)
     assert read(tmp_path / "sleeper.again") == [[True, "requested camera"]], "it slept too long to keep its name"
     by_hand(robot, hand)

@@ -14,6 +14,7 @@ from rorg.cli.published import SETTLED, condition, failure, hopeless, unready
 from rorg.errors import NotReady, Refused
 from rorg.model.codes import IMAGE
 from rorg.model.units import stamp
+from rorg.store.state_dir import SERVER
 
 READY, PROVEN = "ready", "proven"
 """What --wait waits for: probes have answered, or the bake of every change is over as well."""
@@ -52,7 +53,7 @@ def command(
 
 def taken(context: Context, command: str) -> dict[str, Any] | None:
     """The owner of the robot, which carries out the plan; None if this command owns it from now on."""
-    owner = {"what": "rorg run"} if context.remote else context.state.owner()
+    owner = {"what": SERVER} if context.remote else context.state.owner()
     if owner is None:
         context.state.acquire(command)
     return owner
@@ -149,7 +150,7 @@ def _follows(context: Context, owner: dict[str, Any], shown: Differences) -> Non
     tree = {} if shown.told else (context.live() or {}).get("tree", {})
     followed, robot = tree.get("root"), tree.get("robot") or ""
     other = followed and (Path(followed) != context.root.resolve() or robot != context.robot)
-    if owner.get("what") != "rorg run" or other:
+    if owner.get("what") != SERVER or other:
         raise Refused(
             f"apply {context.root}",
             f"{owner.get('what')} (pid {owner.get('pid')}) owns this robot"

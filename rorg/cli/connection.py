@@ -94,7 +94,7 @@ class Connection:
         serves. Notes if its engine does not answer. Raises Refused if this user may not call it, and Unreachable if it
         does not answer itself."""
         path = self.state.run / NAME
-        if not (self.remote or (self.state.owner() and os.path.exists(path))):
+        if not (self.remote or (self.state.served and os.path.exists(path))):
             return None
         if self._unanswered:
             raise self._unanswered

@@ -18,6 +18,7 @@ from rorg.cli.output import note
 from rorg.cli.terminal import entry
 from rorg.errors import Invalid
 from rorg.model.units import counted
+from rorg.store.state_dir import SERVER
 
 if TYPE_CHECKING:
     from rorg.api.server import Server
@@ -85,7 +86,7 @@ def command(
     repository = followed(directory, git, path, committed, signers)
     _check(None if repository else context.root, group)
     tcp = _tcp(listen, (tls_cert, tls_key, tls_ca, tls_revoked)) if listen else None
-    context.state.acquire("rorg run")
+    context.state.acquire(SERVER)
     _tell_down(context)
     _serve(context, _loop(context, repository, poll), group, tcp)
 

@@ -18,6 +18,8 @@ from rorg.store.owner_lock import Held, OwnerLock
 
 MACHINE = Path("/var/lib/rorg")
 """State directory of the machine's robot."""
+SERVER = "rorg run"
+"""The owner of a robot that serves the API."""
 INSTANCE = r"[A-Za-z0-9][A-Za-z0-9_.-]{0,127}"
 
 
@@ -168,6 +170,12 @@ class StateDir:
         except OSError:
             return True
         return True
+
+    @property
+    def served(self) -> bool:
+        """Whether the owner serves the API, or is about to: not a command that does its work without a running rorg."""
+        owner = self.owner()
+        return owner is not None and owner.get("what", SERVER) == SERVER
 
     def owner(self) -> dict[str, Any] | None:
         """The current owner, {pid, what}; None if there is none."""

@@ -6,7 +6,7 @@ import time
 
 from caller import Caller, stay, write
 
-SLEPT = 10.0
+SLEPT = 5.0
 file, service = sys.argv[1:]
 node = Caller("sleeper")
 
