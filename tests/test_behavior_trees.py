@@ -104,6 +104,7 @@ def test_a_branch_fails_when_its_service_is_lost(robot, leaves):
 
 def test_a_branch_fails_when_its_service_does_not_come_up(robot, leaves):
     robot.declare({**TREE, "camera": {"ready": {"exec": ["false"], "interval": "50ms"}}})
+    robot.wait(lambda: sum("manifests in force" in line for line in robot.log()) == 2)
     hold = leaves["HoldServices"]("camera", timeout=0.5)
     wait_for(lambda: (hold.tick_once(), hold.status == Status.FAILURE)[1], what="the leaf fails")
     assert "camera" in hold.feedback_message
