@@ -32,7 +32,7 @@ def test_objects_are_counted_without_disturbing_other_threads():
     makers = [threading.Thread(target=make_tuples) for _ in range(3)]
     for maker in makers:
         maker.start()
-    counts = [inspected.types() for _ in range(20)]
+    counts = [inspected.types() for _ in range(6)]
     done.set()
     for maker in makers:
         maker.join()
