@@ -29,6 +29,8 @@ LIMIT = 3.0
 SLACK = 8.0
 """A command may take LIMIT, and so many times what `rorg validate` takes at the same time on this machine. That one
 waits for nobody, so it tells what the start and the work of a command cost on a machine that does much else."""
+BESIDE = 4
+"""It runs once for so many commands: how busy the machine is changes from one second to the next."""
 AT_ONCE = 3
 """Commands that run at the same time, most of which only wait."""
 
@@ -86,9 +88,11 @@ class Robot:
         """Those commands, some at a time, with what each may take; `down` is the last one, since it leaves nothing."""
         ordinary = [n for n in names if n != "down"]
         with ThreadPoolExecutor(AT_ONCE) as pool:
-            usual = [pool.submit(self.ends, LINES["validate"].words) for _ in range(AT_ONCE)]
-            found = [(name, pool.submit(self.ends, LINES[name].words)) for name in ordinary]
-            usual.append(pool.submit(self.ends, LINES["validate"].words))
+            found, usual = [], []
+            for index, name in enumerate(ordinary):
+                if index % BESIDE == 0:
+                    usual.append(pool.submit(self.ends, LINES["validate"].words))
+                found.append((name, pool.submit(self.ends, LINES[name].words)))
         yield from ((name, ended.result()) for name, ended in found)
         yield "down", self.ends(LINES["down"].words)
         self.usual = max(ended.result().seconds for ended in usual)
