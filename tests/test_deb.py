@@ -44,7 +44,9 @@ MACHINE = slice(18, 20)
 AARCH64 = (183).to_bytes(2, "little")
 
 
-@pytest.mark.skipif(not os.environ.get("RORG_TEST_ARM64"), reason="`.ci/run` sets RORG_TEST_ARM64: another whole package")
+@pytest.mark.skipif(
+    not os.environ.get("RORG_TEST_ARM64"), reason="`.ci/run` sets RORG_TEST_ARM64: another whole package"
+)
 def test_a_package_for_arm64_holds_nothing_of_another_machine(tmp_path):
     if sys.version_info[:2] != (3, 11) or not shutil.which("dpkg-deb"):
         pytest.skip("the package is made with Python 3.11 and dpkg-deb")

@@ -49,6 +49,15 @@ def robot(dockerd, ros2: Ros2, port, tmp_path) -> Iterator[RealRobot]:
     found.close()
 
 
+def test_a_call_keeps_its_client_although_its_node_seems_to_be_gone(ros2, tmp_path):
+    """A reporter that has just begun sees a part of the graph."""
+    hand = Hand(ros2, tmp_path)
+    try:
+        assert hand.run("python3", "/nodes/keeping.py").split("\n") == ["True", "[]", ""]
+    finally:
+        hand.close()
+
+
 def test_rclpy_does_not_tell_a_server_who_calls(ros2, tmp_path):
     """If this fails, the node can check the names of callers: see SECURITY.md."""
     hand = Hand(ros2, tmp_path)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Sequence
+import contextlib
 import threading
 import time
 from typing import Any
@@ -29,34 +31,55 @@ class Calls:
     def __init__(self, node: Node) -> None:
         self.node = node
         self._clients: dict[str, Client] = {}
+        # How many calls use each client at present.
+        self._uses: Counter[str] = Counter()
         self._lock = threading.Lock()
 
     def call(self, kind: Any, name: str, request: Any, seconds: float = PROMPT) -> Any:
         """Call a service. Raise NoAnswer."""
-        end, client = time.monotonic() + seconds, self._client(kind, name)
-        while not client.service_is_ready():
-            if time.monotonic() > end:
-                raise NoAnswer(f'{name} is not there')
-            time.sleep(POLL)
-        answered = threading.Event()
-        future = client.call_async(request)
-        future.add_done_callback(lambda _: answered.set())
-        if not answered.wait(max(0.0, end - time.monotonic())):
-            client.remove_pending_request(future)
-            raise NoAnswer(f'{name} does not answer')
-        return future.result()
+        end = time.monotonic() + seconds
+        with self.client(kind, name) as client:
+            while not client.service_is_ready():
+                if time.monotonic() > end:
+                    raise NoAnswer(f'{name} is not there')
+                time.sleep(POLL)
+            answered = threading.Event()
+            future = client.call_async(request)
+            future.add_done_callback(lambda _: answered.set())
+            if not answered.wait(max(0.0, end - time.monotonic())):
+                client.remove_pending_request(future)
+                raise NoAnswer(f'{name} does not answer')
+            return future.result()
 
-    def begin(self, kind: Any, name: str, request: Any) -> Any:
-        """Call a service that is there, and return its future; None if it is not there."""
-        client = self._client(kind, name)
-        return (client, client.call_async(request)) if client.service_is_ready() else None
+    def call_all(
+        self, kind: Any, names: Sequence[str], request: Any, seconds: float
+    ) -> dict[str, Any]:
+        """Call services beside each other. Return the answers of those that give one, by name."""
+        end, asked, answers = time.monotonic() + seconds, {}, {}
+        with contextlib.ExitStack() as stack:
+            for name in names:
+                client = stack.enter_context(self.client(kind, name))
+                if client.service_is_ready():
+                    asked[name] = client, client.call_async(request)
+            while asked and time.monotonic() < end:
+                for name in [name for name, (_, future) in asked.items() if future.done()]:
+                    answers[name] = asked.pop(name)[1].result()
+                time.sleep(POLL)
+            for client, future in asked.values():
+                client.remove_pending_request(future)
+        return answers
 
     def keep(self, nodes: Collection[str]) -> None:
-        """Drop the clients for nodes that have left the graph."""
+        """Drop the clients for nodes that are not in the graph, except those of calls that run."""
         with self._lock:
-            gone = [name for name in self._clients if name.rpartition('/')[0] not in nodes]
+            gone = [
+                name
+                for name in self._clients
+                if name.rpartition('/')[0] not in nodes and not self._uses[name]
+            ]
             for name in gone:
                 self.node.destroy_client(self._clients.pop(name))
+                del self._uses[name]
 
     def ping(self, node: str) -> str:
         """Say why a node does not answer; '' if it does."""
@@ -102,11 +125,19 @@ class Calls:
                     return Answer(False, f'{node} refuses {parameter.name}: {why}')
         return Answer(True)
 
-    def _client(self, kind: Any, name: str) -> Client:
+    @contextlib.contextmanager
+    def client(self, kind: Any, name: str) -> Iterator[Client]:
+        """Give the client of a service, which stays as long as it is used."""
         with self._lock:
             if name not in self._clients:
                 self._clients[name] = self.node.create_client(kind, name)
-            return self._clients[name]
+            client = self._clients[name]
+            self._uses[name] += 1
+        try:
+            yield client
+        finally:
+            with self._lock:
+                self._uses[name] -= 1
 
 
 def _flat(name: str, value: Any) -> Iterable[tuple[str, Any]]:

@@ -10,9 +10,12 @@ from lifecycle_msgs.srv import ChangeState, GetState
 from rorg_ros2.answer import Answer
 from rorg_ros2.calls import Calls, NoAnswer
 
+GET = '/get_state'
 LABELS = ('unconfigured', 'inactive', 'active', 'finalized')
 # Seconds for the answers of all watched nodes.
 ALL = 0.8
+# Seconds in which nodes that have begun find each other; until then an answer may be lost.
+FOUND = 3.0
 
 
 class Lifecycles:
@@ -23,22 +26,13 @@ class Lifecycles:
 
     def state(self, node: str) -> str:
         """Ask one node for its state. Raise NoAnswer."""
-        return _label(self.calls.call(GetState, f'{node}/get_state', GetState.Request()))
+        return _label(self.calls.call(GetState, f'{node}{GET}', GetState.Request()))
 
     def states(self, nodes: Sequence[str]) -> dict[str, str]:
         """Ask many nodes beside each other; those that do not answer are left out."""
-        end, asked, states = time.monotonic() + ALL, {}, {}
-        for node in nodes:
-            begun = self.calls.begin(GetState, f'{node}/get_state', GetState.Request())
-            if begun:
-                asked[node] = begun
-        while asked and time.monotonic() < end:
-            for node in [node for node, (_, future) in asked.items() if future.done()]:
-                states[node] = _label(asked.pop(node)[1].result())
-            time.sleep(0.005)
-        for client, future in asked.values():
-            client.remove_pending_request(future)
-        return states
+        names = [f'{node}{GET}' for node in nodes]
+        told = self.calls.call_all(GetState, names, GetState.Request(), ALL)
+        return {name.removesuffix(GET): _label(answer) for name, answer in told.items()}
 
     def activate(self, nodes: Sequence[str], seconds: float) -> Answer:
         """Configure and activate nodes in this order, with so many seconds for each."""
@@ -58,15 +52,16 @@ class Lifecycles:
 
     def _lead(self, node: str, goal: str, seconds: float) -> Answer:
         """Take the transitions from the present state of a node to the goal."""
-        end, ways = time.monotonic() + seconds, WAYS[goal]
+        end, ways, change = time.monotonic() + seconds, WAYS[goal], f'{node}/change_state'
         try:
-            state = self.state(node)
+            # A client that is there before it is needed, so that the node has found it by then.
+            with self.calls.client(ChangeState, change):
+                state = self._found(node)
             while state in ways:
                 name, transition, leads_to = ways[state]
                 request = ChangeState.Request(transition=Transition(id=transition))
                 left = max(0.1, end - time.monotonic())
-                told = self.calls.call(ChangeState, f'{node}/change_state', request, left)
-                if not told.success:
+                if not self.calls.call(ChangeState, change, request, left).success:
                     return Answer(False, f'{node} failed to {name}, and is {self.state(node)} now')
                 state = leads_to
         except NoAnswer as error:
@@ -76,6 +71,16 @@ class Lifecycles:
                 False, f'{node} is {state}, which no transition leads out of; restart it'
             )
         return Answer(True)
+
+    def _found(self, node: str) -> str:
+        """Ask a node for its state until it answers. Raise NoAnswer."""
+        end = time.monotonic() + FOUND
+        while True:
+            try:
+                return self.state(node)
+            except NoAnswer:
+                if time.monotonic() > end:
+                    raise
 
 
 # Goal -> state -> the transition to take: its name, its number, and the state that it leads to.
