@@ -60,5 +60,5 @@ def run_and_stop(robot: RealRobot, names: list[str], folder: Path) -> dict[str, 
     robot.release()
     robot.wait(lambda: all(robot.states()[name] == "exited" for name in names))
     robot.settle()
-    robot.wait(lambda: not graph(folder) & nodes, 5)  # DDS shows one that has not said goodbye for 20 s
+    robot.wait(lambda: not graph(folder) & nodes, 10)  # DDS shows one that has not said goodbye for 20 s
     return {name: stop_seconds(robot, name) for name in names}
