@@ -265,7 +265,10 @@ def test_what_reads_answers_beside_an_apply_where_a_killed_rorg_left_its_socket(
     found.state.acquire("rorg apply")
     try:
         environment = {"RORG_STATE_DIR": str(found.state.path), "RORG_ENGINE": "process"}
-        assert "no request names it" in commands.rorg("why", "fine", cwd=tmp_path, **environment).stdout
+        assert (
+            "fine has no container, and is not wanted"
+            in commands.rorg("why", "fine", cwd=tmp_path, **environment).stdout
+        )
     finally:
         found.state.release()
         found.close()

@@ -40,7 +40,8 @@ def _lines(entry: Why) -> list[str]:
 
 def _texts(entry: Why) -> list[str]:
     name = entry["service"]
-    lines = [f"{name} is {entry['state']}, and " + ("wanted:" if entry["wanted"] else "not wanted:")]
+    state = "has no container, and is" if entry["state"] == "none" else f"is {entry['state']}, and"
+    lines = [f"{name} {state} " + ("wanted:" if entry["wanted"] else "not wanted:")]
     lines += [f"  {'  ' * depth}{link['text']}" for depth, link in enumerate(entry["chain"])]
     lines += [f"  {_request(r)}" for r in entry["requests"] if entry["wanted"]]
     if not entry["wanted"] and not entry["waits"]:
