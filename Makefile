@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: site demo test engines pythons properties fuzz soak ros2 lint types bench corpus schemas docs evaluation constraints deb arm vm clean
+.PHONY: site demo test engines pythons properties fuzz soak ros2 lint types bench corpus schemas docs evaluation constraints deb packages arm vm clean
 
 # Debian keeps the venv of its Python in a package of its own; .ci/venv sees to that.
 $(BIN)/rorg: pyproject.toml
@@ -76,6 +76,10 @@ evaluation: $(VENV)/test-installed
 # dist/rorg_VERSION_ARCHITECTURE.deb, for Debian bookworm. ARCH=arm64 or amd64 for another machine than this one.
 deb: $(BIN)/rorg
 	$(BIN)/python images/rorg/deb/build.py $(if $(ARCH),--architecture $(ARCH))
+
+# Whether the packages for amd64 and arm64 are what they should be, and install on a bare Debian. As root.
+packages: $(VENV)/test-installed
+	RORG_TEST_PACKAGES=1 $(BIN)/pytest tests/test_deb.py
 
 # The core's tests, and the package, on a Debian for arm64 that qemu emulates: a quarter of an hour, more the first time.
 # As root. ARGS=tests/test_planner_cases.py for some tests only.

@@ -12,6 +12,10 @@ from pathlib import Path
 import pytest
 from conftest import ROOT, alone_on_the_machine
 
+WHOLE = pytest.mark.skipif(
+    not os.environ.get("RORG_TEST_PACKAGES"),
+    reason="`make packages` and `.ci/run` make whole packages, for some minutes",
+)
 LEFT = {"/etc/group", "/etc/gshadow", "/etc/group-", "/etc/gshadow-", "/etc/.pwd.lock"}
 """What a purge may leave: the group, since files of people may be its."""
 NOT_OURS = ("/dev/", "/proc/", "/run/systemd/", "/tmp/", "/var/lib/dpkg/", "/var/log/")
@@ -44,9 +48,7 @@ MACHINE = slice(18, 20)
 AARCH64 = (183).to_bytes(2, "little")
 
 
-@pytest.mark.skipif(
-    not os.environ.get("RORG_TEST_ARM64"), reason="`.ci/run` sets RORG_TEST_ARM64: another whole package"
-)
+@WHOLE
 def test_a_package_for_arm64_holds_nothing_of_another_machine(tmp_path):
     if sys.version_info[:2] != (3, 11) or not shutil.which("dpkg-deb"):
         pytest.skip("the package is made with Python 3.11 and dpkg-deb")
@@ -122,6 +124,7 @@ def bookworm(deb, tmp_path_factory) -> Bookworm:
     shutil.rmtree(root)
 
 
+@WHOLE
 def test_it_installs_works_and_goes(bookworm):
     before = bookworm.files()
     said = bookworm.sh("dpkg -i /tmp/rorg.deb")
