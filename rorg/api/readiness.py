@@ -108,7 +108,9 @@ def _one(decision: Decision, status: Status | None, question: Question) -> Ready
             else waiting or ready.message or ready.reason or "not ready"
         )
     )
-    stalled = status.condition("Stalled").status == "True"
+    # A new run of a service that kept crashing may do better than those before.
+    tried = status.state == "running" and ready.reason != "Late"
+    stalled = status.condition("Stalled").status == "True" and not tried
     settled = not waiting and status.condition("Reconciling").status == "False"
     over = status.wanted and settled and ready.reason in ("Failed", "OutOfMemory")
     missing = situation.memory.of(name).missing or any(w.code in (NO_IMAGE, BLOCKED) for w in waitings)
