@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,9 @@ import yaml
 from conftest import free_port, wait_for
 from left_behind import left_behind
 from robots import write_tree
+
+from rorg.daemon.tree import Tree
+from rorg.tools.sim.throwaway import ThrowawayRobot
 
 PREFIX = "rorg-emulate-"
 TRACE = {
@@ -169,3 +173,20 @@ def test_without_an_engine_nothing_is_left(tmp_path, files):
     _, error = process.communicate(timeout=60)
     assert process.returncode == 3, error
     assert left_behind(tmp_path / "temporary", PREFIX) == []
+
+
+def test_a_container_that_starts_while_all_is_removed_is_removed_too(tmp_path):
+    """By an action that was under way: what was listed as created runs by now."""
+    robot = ThrowawayRobot("process", PREFIX)
+    said: list[str] = []
+    root = write_tree(tmp_path / "tree", {"arm": {"always_on": True}})
+    tree = Tree(root, str(robot.state.run), references=robot.references)
+    try:
+        robot.run(tree, said.append, "tests")
+        robot.settle("the start")
+        (arm,) = robot.engine.list()
+        assert robot._remove(replace(arm, state="created")) == ""
+        assert not robot.engine.list()
+    finally:
+        robot.clean_up(said.append)
+    assert not [line for line in said if "not everything" in line]

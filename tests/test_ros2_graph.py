@@ -235,7 +235,7 @@ def test_kills_make_nothing_ready_that_is_not_and_restart_nothing_else(robot, ro
             else:
                 before = robot.container(what).incarnation
                 robot.kill(what)
-                robot.wait(lambda killed=what, run=before: robot.container(killed).incarnation != run, 30)
+                robot.wait(lambda killed=what, run=before: robot.container(killed).incarnation != run, 90)
             robot.wait(lambda: both_ready(client))
             assert works(robot), f"ready after the kill of {what}, and not at work (RORG_TEST_SEED={seed})"
             now = {name: robot.container(name).incarnation for name in runs}

@@ -9,6 +9,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from rorg.daemon.tree import Tree
 from rorg.daemon.wiring import loop_over
 from rorg.engines.make import make_engine
 from rorg.engines.protocol import Usage
-from rorg.errors import NotReady, RorgError
+from rorg.errors import EngineError, NotReady, RorgError
 from rorg.images.order import Builder, Order, Result
 from rorg.images.references import references_for
 from rorg.images.supply import Supplier
@@ -34,6 +35,8 @@ EMPTY: Mapping[str, Any] = {
     "in_flight": {},
 }
 """The status before the loop publishes one."""
+ATTEMPTS = 3
+"""To remove a container."""
 LOOK = 0.05
 """Seconds between two looks while waiting."""
 
@@ -106,13 +109,17 @@ class ThrowawayRobot:
         """Called repeatedly while waiting."""
 
     def wait(self, what: str, done: Callable[[Mapping[str, Any]], bool], seconds: float = 60.0) -> Mapping[str, Any]:
-        """Waits for a published status. Raises NotReady."""
-        deadline, waits = time.monotonic() + seconds, list[Mapping[str, Any]]()
+        """Waits for a published status. Raises NotReady after so many seconds in which no service began to run for the
+        first time: a slow machine may take long for many."""
+        deadline, waits, ran = time.monotonic() + seconds, list[Mapping[str, Any]](), set[str]()
         while time.monotonic() < deadline:
             view = self.view()
             if done(view):
                 return view
             waits = view["plan"]["waitings"]
+            if new := {n for n, s in view["services"].items() if s["state"] == "running"} - ran:
+                ran |= new
+                deadline = time.monotonic() + seconds
             self.meanwhile()
             time.sleep(LOOK)
         why = "".join(f"; {cause}" for cause in causes((one["service"], one["reason"]) for one in waits))
@@ -168,11 +175,10 @@ class ThrowawayRobot:
         try:
             self.leave()
             containers = self.engine.list() if self.loop else []
-            threads = [threading.Thread(target=self._remove, args=(c,)) for c in containers]
-            for thread in threads:
-                thread.start()
-            for thread in threads:
-                thread.join()
+            with ThreadPoolExecutor(len(containers) or 1) as pool:
+                left = [why for why in pool.map(self._remove, containers) if why]
+            if left:
+                say(f"not everything could be removed: {left[0]}")
             if self.engine.capabilities.images and self._builder:
                 self._builder.remove(self._new_images[::-1])
         except RorgError as error:
@@ -182,7 +188,20 @@ class ThrowawayRobot:
             for number, handler in before.items():
                 signal.signal(number, handler)
 
-    def _remove(self, container: Container) -> None:
-        if container.alive:
-            self.engine.stop(container.id, "SIGKILL", 5.0)
-        self.engine.remove(container.id)
+    def _remove(self, container: Container) -> str:
+        """Removes a container, which an action that was under way may start meanwhile. Returns why it is still there;
+        empty if it is gone."""
+        why = ""
+        found: tuple[Container, ...] = (container,)
+        for _ in range(ATTEMPTS):
+            if not found:
+                return ""
+            try:
+                if found[0].alive:
+                    self.engine.stop(container.id, "SIGKILL", 5.0)
+                self.engine.remove(container.id)
+                return ""
+            except EngineError as error:
+                why = str(error)
+                found = tuple(c for c in self.engine.list() if c.id == container.id)
+        return why
