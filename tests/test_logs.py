@@ -248,9 +248,15 @@ def test_docker_gives_times_and_every_line_once(docker_robot, tmp_path):
     robot.wait(lambda: robot.active() == {"camera", "arm"})
     followed = Followed(robot, "camera", "arm")
     wait_for(lambda: followed.numbers("camera") and followed.numbers("arm"))
-    lines = said(robot, "camera", "arm", "-t", "-n", "50").splitlines()
-    times = [line.split("| ")[1].split(" ")[0] for line in lines]
-    assert times == sorted(times)
+
+    def told() -> list[tuple[str, str]]:
+        """(time, line), of which the first is older than the one in the middle: Podman knows whole seconds."""
+        found = said(robot, "camera", "arm", "-t", "-n", "50").splitlines()
+        timed = [(line.split("| ")[1].split(" ")[0], line) for line in found]
+        return timed if timed[0][0] < timed[len(timed) // 2][0] else []
+
+    times, lines = zip(*wait_for(told), strict=True)
+    assert [*times] == sorted(times)
     assert {line.split()[0] for line in lines} == {"camera", "arm"}
     since = times[len(times) // 2]
     later = said(robot, "camera", "arm", "-t", "--since", since).splitlines()
