@@ -266,7 +266,7 @@ class RootlessPodman(Podman):
 
     def command(self, hang: Path) -> list[str]:
         user = pwd.getpwnam(self.user)
-        for name in ("data", "exec", "runtime"):
+        for name in ("data", "exec", "runtime", "home"):
             (self.folder / name).mkdir(exist_ok=True)
         command = super().command(hang)
         self.folder.chmod(0o755)
@@ -280,8 +280,9 @@ class RootlessPodman(Podman):
         return ["setpriv", "--reuid", str(user.pw_uid), "--regid", str(user.pw_gid), "--init-groups"]
 
     def environment(self) -> Mapping[str, str]:
-        home = pwd.getpwnam(self.user).pw_dir
-        return {**super().environment(), "HOME": home, "USER": self.user, "XDG_RUNTIME_DIR": f"{self.folder}/runtime"}
+        """With a home of its own: Podman looks for running containers in the storage of the home, too."""
+        own = {"HOME": f"{self.folder}/home", "XDG_RUNTIME_DIR": f"{self.folder}/runtime"}
+        return {**super().environment(), **own, "USER": self.user}
 
 
 ENGINES: Mapping[str, type[Dockerd]] = {
