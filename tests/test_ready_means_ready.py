@@ -264,16 +264,21 @@ def test_a_question_without_time_does_not_wait_for_a_probe_that_hangs(robot, tmp
 
 def test_a_wait_goes_on_while_a_service_that_kept_crashing_is_tried_again(robot, tmp_path):
     """It was said to be hopeless, with the reason `Probing`."""
-    if robot.kind != "process":
-        pytest.skip("the command writes beside the manifests")
-    runs = tmp_path / "runs"
-    command = f"echo x >>{runs}; [ $(wc -l <{runs}) -gt 3 ] || exit 3; exec sleep 1000"
-    again = {"command": ["sh", "-c", command], "ready": {"file": str(tmp_path / "up"), "interval": "100ms"}}
+    folder = tmp_path / "runs"
+    folder.mkdir(mode=0o777)
+    runs = folder / "runs"
+    program = f"open({str(runs)!r}, 'a').write('x')\nimport os, signal, sys\n"
+    program += f"sys.exit(3) if os.path.getsize({str(runs)!r}) < 4 else signal.pause()"
+    again = {
+        "command": ["python3", "-c", program],
+        "ready": {"file": str(folder / "up"), "interval": "100ms"},
+        "container": {"volumes": [f"{folder}:{folder}"]} if robot.kind == "docker" else {},
+    }
     robot.declare({"always": {"always_on": True}, "arm": again})
     robot.request("arm")
     robot.wait(lambda: any("arm is stalled" in line for line in robot.log()))
     told = robot.client().readiness("arm")["arm"]
     assert "exit code 3" in told["reason"], told
     robot.wait(lambda: robot.states()["arm"] == "running" and runs.read_text().count("x") == 4)
-    threading.Timer(1.0, (tmp_path / "up").touch).start()
+    threading.Timer(1.0, (folder / "up").touch).start()
     assert robot.client().wait("arm", timeout=30)["arm"]["ready"]

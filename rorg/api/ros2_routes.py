@@ -56,7 +56,7 @@ class Ros2Answer(Body):
 
 
 class PutReport(Body):
-    """What a reporter says. Without a graph it is as before."""
+    """News from a reporter. Without a graph, the graph is as before."""
 
     session: Session = Field(description="One run of the reporter.")
     graph: Ros2Graph | None = None
@@ -75,11 +75,11 @@ class Ros2Order(BaseModel):
     target: list[str] = Field(description="The words of the probe, or the nodes.")
     run_age: float = Field(description="Seconds since the run began. Endpoints seen before belong to another run.")
     values: dict[str, Any] = Field(description="Parameters by absolute name; the last part is the parameter.")
-    timeout: float = Field(description="Seconds after which nobody waits for the answer any more.")
+    timeout: float = Field(description="Seconds after which rorg no longer waits for the answer.")
 
 
 class Ros2Orders(BaseModel):
-    """What the reporter of a ROS 2 graph has not been told yet."""
+    """News for the reporter of a ROS 2 graph."""
 
     graph: bool = Field(description="Whether rorg has a graph of this session; if not, send it again.")
     orders: list[Ros2Order]

@@ -166,7 +166,7 @@ def _pause(view: View, service: Service, container: Container, why: str) -> Step
 
 def _deactivate(view: View, service: Service, container: Container, why: str) -> Ceasing:
     """Deactivate the managed nodes, or stop the service if a transition fails or hangs, or if for a while nothing
-    reports the graph: then nobody can deactivate them."""
+    reports the graph: then rorg has no way to deactivate them."""
     failed, graph = _failed(view, service, Deactivate), graph_of(service)
     if service.domain is None or not service.managed:
         return [stop(container, why, service)], None

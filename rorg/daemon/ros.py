@@ -1,4 +1,4 @@
-"""What the loop knows and does of ROS: the graphs, parameters, and what killed programs leave behind."""
+"""The loop's view of ROS: the graphs, parameters, and what killed programs leave behind."""
 
 from __future__ import annotations
 

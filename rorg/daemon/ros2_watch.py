@@ -25,7 +25,7 @@ class Ros2Watch:
         self._inactive: dict[str, tuple[Container, Container]] = {}
         """Container id -> as the engine sees it, and as inactive; unchanged ones stay the same object."""
         self._graphs: tuple[tuple[Graphs, Mapping[int, RosGraph], Catalog] | None, Graphs] = (None, {})
-        """What the graphs were made from, and the graphs."""
+        """The version that the graphs were made from, and the graphs."""
         self._managed: tuple[Catalog | None, Mapping[str, Service]] = (None, {})
         self._overlaid: tuple[object, Observed] | None = None
 

@@ -182,7 +182,7 @@ def check_size(text: str, most: float = math.inf) -> None:
 
 
 LIBYAML_TOO_DEEP = "exceeded maximum nesting depth"
-"""What libyaml says from PyYAML 6.0.4 on, which looks far ahead, about a place behind the one that is too deep here."""
+"""libyaml's message since PyYAML 6.0.4. It reads ahead, so it names a place behind the one that is too deep."""
 
 
 def _count(text: str, most: float, loader: Any) -> None:

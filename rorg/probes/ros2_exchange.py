@@ -55,24 +55,24 @@ class State:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """What a reporter says on its own."""
+    """News from a reporter that answer no order."""
 
     graph: RosGraph | None = None
     """None if it is as before."""
     states: Mapping[str, State] = field(default_factory=dict)
-    """States of the watched nodes that answered. The last state of a node counts until another one is known."""
+    """States of the watched nodes that answered. The last state of a node counts until a newer one is known."""
 
 
 @dataclass(frozen=True, slots=True)
 class Orders:
-    """What a reporter gets: orders that it did not have yet, and all nodes whose state it reports."""
+    """For a reporter: the orders that it does not have yet, and all nodes whose state it reports."""
 
     orders: Sequence[Order]
     watched: tuple[str, ...]
 
 
 class _Domain:
-    """What is known of one domain."""
+    """The state of one domain."""
 
     def __init__(self, now: float) -> None:
         self.reporter = self.session = ""
@@ -107,7 +107,7 @@ class Ros2Exchange:
 
     def report(self, domain: int, reporter: str, session: str, report: Report, answers: Mapping[str, Answer]) -> None:
         """Take what a reporter says. A new session of it takes the place of an earlier one, whose orders have failed.
-        Raises Refused while another one reports this domain."""
+        Raises Refused while another reporter reports this domain."""
         with self._condition:
             known = self._of(domain)
             if known.reporter not in ("", reporter) and not self._missing(domain, known):
@@ -133,7 +133,7 @@ class Ros2Exchange:
             self.wake()
 
     def orders(self, domain: int, session: str) -> Orders | None:
-        """Return what the reporter has not been told yet; None if that is nothing."""
+        """Return what the reporter does not know yet; None if there is nothing new."""
         with self._condition:
             known = self._of(domain)
             known.called = self.clock()

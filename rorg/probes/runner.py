@@ -26,7 +26,7 @@ EXEC_TIMEOUT = 10.0
 """Seconds for a command inside the container."""
 LOG_TIMEOUT = 5.0
 """Seconds for reading a log, once the engine has found the place; the next attempt continues there."""
-NO_LOOP = "only a running rorg is told of the ROS 2 graph"
+NO_LOOP = "only a running rorg knows the ROS 2 graph"
 ELSEWHERE = "the engine is on another machine"
 
 
@@ -92,7 +92,7 @@ class ProbeRunner:
         return ask_host(probe)
 
     def _ros2(self, domain: int, probe: Probe, container: Container) -> Answer:
-        """Ask whoever reports the graph. Endpoints that were there before this run began belong to another one."""
+        """Ask the reporter of the graph. Endpoints from before this run began belong to an earlier run."""
         if self.ros2 is None:
             return cannot_ask(NO_LOOP)
         words = probe.target if isinstance(probe.target, tuple) else (str(probe.target),)

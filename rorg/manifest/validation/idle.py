@@ -120,7 +120,7 @@ def _leaving(robot: Robot) -> Iterator[Finding]:
     for subject in (s for s in robot.ros2 if s.pauses and not s.mindful):
         after, _ = subject.service.idle.escalate or (NEVER, "")
         if after > DDS_LEASE:
-            message = f"'{subject.name}' runs ROS 2, and is paused for as long as nobody requests it"
+            message = f"'{subject.name}' runs ROS 2, and stays paused until something requests it"
             yield Finding("pause-of-ros2-node", subject.at("idle", "action"), message)
 
 

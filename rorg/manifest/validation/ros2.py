@@ -166,7 +166,7 @@ def _unreported(robot: Robot) -> Iterator[Finding]:
 
 
 def _of_ros2_only(robot: Robot) -> Iterator[Finding]:
-    """What programs of ROS 1 do not have."""
+    """Fields and probes that mean nothing for a program of ROS 1."""
     for subject in (s for s in robot.subjects if s.service.domain is None):
         for asked in (a for a in subject.graph_probes if a.probe.kind in NEEDS_ROS2):
             message = f"'{subject.name}' is no program of ROS 2, and a ROS 1 master cannot answer {asked.probe.kind}"
@@ -179,7 +179,7 @@ def _of_ros2_only(robot: Robot) -> Iterator[Finding]:
 
 
 def _routers(robot: Robot) -> Iterator[Finding]:
-    """Zenoh without a router: nodes find each other only through it, unless they are told otherwise."""
+    """Zenoh without a router: nodes find each other only through it, unless their environment says how."""
     users = [s for s in robot.ros2 if s.env.get("RMW_IMPLEMENTATION") == ZENOH]
     alone = [s for s in users if not any(name.startswith("ZENOH_") for name in s.env)]
     routers = (s for s in robot.subjects if "zenoh" in str(s.options.get("image")) or ROUTERS & s.programs)

@@ -53,7 +53,7 @@ class Packages:
         return str(path)
 
     def here(self, path: str) -> Path | None:
-        """Where a file is on this machine; None if its package is not known here."""
+        """The path of a file on this machine; None if its package is not known here."""
         match = _SHARE.fullmatch(path)
         if not match:
             return None if "$(" in path else Path(path)

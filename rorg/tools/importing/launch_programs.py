@@ -33,10 +33,10 @@ class Program:
     name: str = ""
     environment: Mapping[str, str] = field(default_factory=dict)
     directory: str = ""
-    """Where it starts; empty for that of the image."""
+    """Its working directory; empty for that of the image."""
     respawn: bool = False
     notes: tuple[str, ...] = ()
-    """What is not carried over."""
+    """Settings that the import drops."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -22,7 +22,7 @@ from rorg.tools.importing.launch_words import Call, Missing, Refusal, Text, pars
 MOST_FILLED = 1 << 20
 """Characters that substitutions may add to a launch file and its includes."""
 LATE = re.compile(r"\$\((find-pkg-share|find-pkg-prefix|find-exec) ([A-Za-z0-9_./+-]+)\)")
-"""What is found out on the robot, when a service starts."""
+"""Substitutions that only the robot can resolve, when a service starts."""
 TRUE, FALSE = ("true", "1"), ("false", "0")
 
 

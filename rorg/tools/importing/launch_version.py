@@ -1,5 +1,5 @@
-"""Tells launch files of ROS 1 from those of ROS 2, by what only one of them has. Where nothing does, the package of the
-file decides, and without one a person."""
+"""Tells launch files of ROS 1 from those of ROS 2 by signs that only one of them has. Without a sign the package of the
+file decides, and without a package a person."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _SUBSTITUTION = re.compile(r"\$\((?:(arg|find|optenv)|(var|find-pkg-\w+|exec-in-
 
 @dataclass(frozen=True)
 class Sign:
-    """What tells that a file is one of ROS 1 or of ROS 2."""
+    """Signs that a file is one of ROS 1 or of ROS 2."""
 
     ros: int
     shown: str

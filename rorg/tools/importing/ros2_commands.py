@@ -19,7 +19,7 @@ _RUN = {
     "find-pkg-prefix": "ros2 pkg prefix {}",
     "find-exec": "command -v {}",
 }
-"""What is found out on the robot -> the command that prints it."""
+"""Substitution that only the robot can resolve -> the command that prints its value."""
 
 
 def ros_arguments(node: Node) -> list[str]:

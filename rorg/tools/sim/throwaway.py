@@ -109,8 +109,8 @@ class ThrowawayRobot:
         """Called repeatedly while waiting."""
 
     def wait(self, what: str, done: Callable[[Mapping[str, Any]], bool], seconds: float = 60.0) -> Mapping[str, Any]:
-        """Waits for a published status. Raises NotReady after so many seconds in which no service began to run for the
-        first time: a slow machine may take long for many."""
+        """Waits for a published status. Raises NotReady `seconds` after the last service began to run for the first
+        time: a slow machine may take long to start many."""
         deadline, waits, ran = time.monotonic() + seconds, list[Mapping[str, Any]](), set[str]()
         while time.monotonic() < deadline:
             view = self.view()
@@ -123,7 +123,7 @@ class ThrowawayRobot:
             self.meanwhile()
             time.sleep(LOOK)
         why = "".join(f"; {cause}" for cause in causes((one["service"], one["reason"]) for one in waits))
-        raise NotReady(f"wait for {what}", f"it did not happen within {seconds:g} s{why}")
+        raise NotReady(f"wait for {what}", f"it did not happen, and no service began to run for {seconds:g} s{why}")
 
     def settle(self, what: str, seconds: float = 60.0) -> Mapping[str, Any]:
         """Waits until everything that was requested runs and is ready, and nothing lingers."""

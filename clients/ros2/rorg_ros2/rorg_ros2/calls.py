@@ -54,7 +54,7 @@ class Calls:
     def call_all(
         self, kind: Any, names: Sequence[str], request: Any, seconds: float
     ) -> dict[str, Any]:
-        """Call services beside each other. Return the answers of those that give one, by name."""
+        """Call many services at the same time. Return the answers that came, by service."""
         end, asked, answers = time.monotonic() + seconds, {}, {}
         with contextlib.ExitStack() as stack:
             for name in names:
@@ -62,9 +62,9 @@ class Calls:
                 if client.service_is_ready():
                     asked[name] = client, client.call_async(request)
             while asked and time.monotonic() < end:
+                time.sleep(POLL)
                 for name in [name for name, (_, future) in asked.items() if future.done()]:
                     answers[name] = asked.pop(name)[1].result()
-                time.sleep(POLL)
             for client, future in asked.values():
                 client.remove_pending_request(future)
         return answers
