@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: site demo test engines pythons properties fuzz soak ros2 lint types bench corpus schemas docs evaluation constraints deb packages arm vm clean
+.PHONY: site demo test engines pythons properties fuzz soak ros2 lint types bench corpus schemas docs evaluation constraints deb packages arm vm machines clean
 
 # Debian keeps the venv of its Python in a package of its own; .ci/venv sees to that.
 $(BIN)/rorg: pyproject.toml
@@ -91,6 +91,12 @@ arm: $(VENV)/test-installed
 # Slow, since all is emulated. CUTS=50 for more power cuts than three; ARGS="-k cut" for them alone.
 vm: $(VENV)/test-installed
 	CUTS=$(or $(CUTS),3) timeout 14400 $(BIN)/pytest tests/vm -s -m "not docker" -o norecursedirs=x $(ARGS)
+
+# Several computers: the rules of docs/explanation/machines.md over many random schedules (SCHEDULES), and three Docker
+# engines in networks of their own, whose links are cut. Takes 1 to 2 hours with 100,000 schedules on two cores.
+machines: $(VENV)/test-installed
+	$(BIN)/pytest -s tests/links -o norecursedirs=x $(ARGS)
+	RORG_TEST_SCHEDULES=$(or $(SCHEDULES),100000) $(BIN)/python tests/machines_world.py
 
 site: $(VENV)/test-installed
 	$(BIN)/python docs/build_site.py $(VENV)/site

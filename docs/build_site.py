@@ -102,6 +102,7 @@ def navigation(source: Path) -> list[object]:
         {"Documentation": "docs/README.md"},
         title("docs/tutorial.md"),
         title("docs/tutorial-ros2.md"),
+        title("docs/tutorial-machines.md"),
         {"How to": kind("docs/how-to")},
         {"Reference": kind("docs/reference")},
         {"Explanation": [*kind("docs/explanation"), title("docs/evaluation.md"), *kind("docs/evaluation")]},

@@ -33,6 +33,7 @@ LONG = "x" * 65
 BOTH = {"engine": True, "rorg": True}
 SAMPLES = {
     "init": Sample(["init robot"], Line("init {new}/robot")),
+    "certificate": Sample(["certificate --person ada --into keys"], Line("certificate --person ada --into {new}/keys")),
     "import": Sample(
         ["import roslaunch nosuch.launch"], Line("import systemd {unit} --image debian --output {new}/imported")
     ),
@@ -168,6 +169,7 @@ SAMPLES = {
         Line("retry arm --yes", **BOTH),
         alike=["retry navigation", "retry navigation arm", "retry developer", "retry nosuch", "retry ''"],
     ),
+    "take": Sample(["take base --yes", "take nosuch --yes"], Line("take arm --yes", rorg=True)),
     "hold": Sample(
         ["hold navigation --for 10m", "hold navigation --end"],
         Line("hold lidar --for 1s --yes", **BOTH),
@@ -224,6 +226,7 @@ SAMPLES = {
             "history -n 1 -o yaml",
         ],
     ),
+    "fleet": Sample(["fleet status nosuch.yaml"], Line("fleet status {new}/nosuch.yaml")),
     "rollback": Sample(["rollback --print"], Line("rollback --yes")),
     "restore": Sample(["restore --at 10m"], Line("restore 2026-01-01T00:00:00Z --yes")),
     "timeline": Sample(

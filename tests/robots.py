@@ -53,6 +53,7 @@ def write_tree(root: Path, services: dict[str, dict], **kinds: dict[str, dict]) 
         ("policies", "Policy", kinds.get("policies", {})),
         ("networks", "Network", kinds.get("networks", {})),
         ("volumes", "Volume", kinds.get("volumes", {})),
+        ("machines", "Machine", kinds.get("machines", {})),
     ):
         (root / folder).mkdir(parents=True, exist_ok=True)
         wanted = {f"{name}.yaml" for name in specs}

@@ -37,7 +37,7 @@ STRICT = strict(DOCUMENT)
 GETS = sorted(path for path, methods in DOCUMENT["paths"].items() if "get" in methods)
 NAMES = {"name": "navigation", "kind": "Service", "port": "1", "service": "navigation", "rev": "1", "a": "1", "b": "2"}
 QUERIES = {"/v1/connections/{port}": "?to=1", "/v1/wait": "?services=roscore", "/v1/events": "?tail=10000"}
-MISSING = {"/v1/listeners/{port}": 404, "/v1/connections/{port}": 404}
+MISSING = {"/v1/listeners/{port}": 404, "/v1/connections/{port}": 404, "/v1/machines/{name}/report": 403}
 """What there is none of here is answered as a problem."""
 
 

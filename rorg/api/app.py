@@ -24,6 +24,7 @@ from rorg.api.inputs import unreadable
 from rorg.api.interventions import add_operating
 from rorg.api.limits import MOST_BODY
 from rorg.api.logs import add_logs
+from rorg.api.machine_routes import add_machines
 from rorg.api.manifests import add_manifests
 from rorg.api.metrics import add_metrics
 from rorg.api.models import Problem
@@ -73,6 +74,7 @@ def make_app(operations: Operations) -> FastAPI:
     add_history(app, operations)
     add_metrics(app, operations)
     add_ros2(app, operations)
+    add_machines(app, operations)
     return app
 
 

@@ -11,7 +11,7 @@ from fastapi.responses import JSONResponse, Response
 from rorg.api.changes import Change
 from rorg.api.generations import GENERATION
 from rorg.api.operations import Operations
-from rorg.api.permissions import Caller, acting, allow, allow_call
+from rorg.api.permissions import Caller, acting, allow, allow_call, certified
 
 Id = Annotated[str, Path(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.:-]{0,63}$")]
 Requester = Annotated[str | None, Query(description="In whose name; by default the caller's own.")]
@@ -21,6 +21,8 @@ def caller_of(request: Request) -> Caller:
     """The caller behind the connection, as the server found out; or the one for whom it acts. Raises Forbidden if the
     manifests do not allow it now."""
     caller: Caller = getattr(request.state, "caller", Caller())
+    if caller.certificate:
+        return certified(caller, request.app.state.operations.machines.catalog)
     if caller.kind != "service":
         return caller
     catalog = request.app.state.operations.catalog

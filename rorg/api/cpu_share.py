@@ -78,7 +78,7 @@ class Metered:
 
 def in_threads(path: str) -> bool:
     """Whether a call works in a thread of its own."""
-    return path.startswith(THREADS) or path.endswith("/description")
+    return path.startswith(THREADS) or path.endswith(("/description", "/renewal"))
 
 
 def _price(scope: Any) -> float:

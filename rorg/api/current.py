@@ -35,8 +35,13 @@ class Current:
         return members
 
     def containers_of(self, name: str) -> list[Service]:
-        """Those that have containers, among the services that a name stands for. Raises Missing."""
-        return [s for n in self.members(name) if not (s := self.catalog.services[n]).meta]
+        """Those that have containers, among the services that a name stands for. Raises Missing; and Refused if one
+        belongs to another machine."""
+        services = [s for n in self.members(name) if not (s := self.catalog.services[n]).meta]
+        for service in services:
+            if service.away:
+                raise elsewhere(name, service)
+        return services
 
     def runs(self, name: str) -> bool:
         """Whether its container is alive, as seen last; a meta-service always is."""
@@ -59,6 +64,12 @@ class Current:
                 "`rorg request {requester}` first",
             )
         return self.statuses[requester].incarnation
+
+
+def elsewhere(what: str, service: Service) -> Refused:
+    """The error for what only a service's own machine can do."""
+    why = f"{service.name} belongs to the machine {service.away}"
+    return Refused(f"reach {what}", why, f"the same command on {service.away}")
 
 
 def missing(name: str, known: set[str]) -> Missing:

@@ -13,6 +13,7 @@ from fastapi import FastAPI, Query, Request
 from fastapi.responses import Response
 
 from rorg.api.callers import needs, still
+from rorg.api.current import elsewhere
 from rorg.api.events import Lines, answering_lines, either, from_any_thread
 from rorg.api.limits import MOST_LOGS
 from rorg.api.operations import Operations
@@ -112,6 +113,9 @@ def add_logs(app: FastAPI, operations: Operations) -> None:
         named = [name, *(also or ())]
         services = [n for s in dict.fromkeys(named) for n in operations.current.members(s)]
         kept = [n for n in dict.fromkeys(services) if not operations.catalog.services[n].meta]
+        for away in (operations.catalog.services[n] for n in kept):
+            if away.away:
+                raise elsewhere(f"the logs of {away.name}", away)
         asked = asked_for(kept, Selection(follow, tail, since, until, previous), after or ())
         check(operations.engine, asked)
         if not follow:

@@ -56,6 +56,7 @@ class ServiceView(BaseModel):
     crashes: int
     effective_priority: int
     held: str
+    machine: str = Field("", description="The computer that it belongs to, if the robot has several.")
     lowered: bool
     ros_nodes: list[str]
     withheld: str = Field(description="Why it stays although no manifest declares it.")

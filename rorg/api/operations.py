@@ -39,6 +39,7 @@ class Operations:
     def __init__(self, loop: Loop) -> None:
         self._loop = loop
         self.recorder, self.tree, self.engine, self.state = loop.recorder, loop.tree, loop.engine, loop.state
+        self.machines = loop.machines
         self.journal, self.requests_file, self.ros2 = loop.recorder.journal, loop.leases.file, loop.ros.ros2.exchange
         self.next_pass: Callable[[], asyncio.Event] = asyncio.Event
         """An event that is set after the next pass of the loop; the server provides it."""
@@ -75,6 +76,11 @@ class Operations:
         if self.ending:
             raise Busy("answer", "rorg is being stopped", "again in a moment")
         return self._loop.generations.reached(generation)
+
+    @property
+    def now(self) -> float:
+        """The time by the clock of the loop."""
+        return self._loop.clock()
 
     @property
     def catalog(self) -> Catalog:
@@ -174,7 +180,7 @@ class Operations:
         asked = {*names, *closure(services, names)}
         self._loop.questions[question] = {name: question.since_of(services[name]) for name in asked}
         self._loop.observer.ask()
-        if any(services[name].ready for name in asked):
+        if any(services[name].ready or services[name].away for name in asked):
             self._loop.wake()
         try:
             yield question

@@ -14,7 +14,7 @@ from rorg.api import changes
 from rorg.errors import Forbidden
 from rorg.model.catalog import DEVELOPER, EVERY, Catalog, Service
 
-BOTH, PEOPLE = ("developer", "service"), ("developer",)
+BOTH, PEOPLE, MACHINES = ("developer", "service"), ("developer",), ("machine",)
 _TABLE = {
     "read": (BOTH, "see how services are"),
     "request": (BOTH, "request services"),
@@ -23,6 +23,8 @@ _TABLE = {
     "manifests": (BOTH, "see or change manifests"),
     "removals": (PEOPLE, "confirm removals"),
     "fetch": (PEOPLE, "fetch manifests"),
+    "link": (MACHINES, "speak for a machine"),
+    "take": (PEOPLE, "take services over"),
     "down": (PEOPLE, "take the robot down"),
     "plan": (PEOPLE, "see status and plan"),
     "logs": (PEOPLE, "read logs"),
@@ -49,8 +51,9 @@ class Caller:
     """Who is at the other end of a connection."""
 
     kind: str = "nobody"
-    """developer, service or nobody."""
+    """developer, service, machine or nobody."""
     service: str = ""
+    """Its name, or that of the machine."""
     uid: int = -1
     pid: int = 0
     certificate: str = ""
@@ -128,6 +131,19 @@ def allow(caller: Caller, operation: str) -> None:
             f", or `may_{operation}` in the manifest" if operation in ("request", "restart") else ""
         )
         raise Forbidden(_TABLE[operation][1], f"{who} may not", remedy)
+
+
+MACHINE = "machine-"
+"""Common names that begin so are never those of people."""
+
+
+def certified(caller: Caller, catalog: Catalog) -> Caller:
+    """The caller behind a certificate: a machine of the robot, or a person. A machine that the manifests do not name
+    has no rights."""
+    machine = next((m.name for m in catalog.machines.values() if m.certificate == caller.certificate), "")
+    if machine:
+        return replace(caller, kind="machine", service=machine)
+    return replace(caller, kind="nobody") if caller.certificate.startswith(MACHINE) else caller
 
 
 def allow_call(caller: Caller, catalog: Catalog) -> None:

@@ -24,7 +24,7 @@ from rorg.api.models import (
 )
 from rorg.api.operations import Operations
 from rorg.api.permissions import allow, allow_call
-from rorg.api.status_models import EngineView, PlanView, StatusView
+from rorg.api.status_models import EngineView, PlanView, StatusView, SummaryView
 from rorg.daemon.snapshot import engine_json
 from rorg.errors import RorgError
 
@@ -79,6 +79,11 @@ def _add_status(app: FastAPI, operations: Operations) -> None:
         """The whole state in one answer: the tree, the engine, requests, pressure, the plan, all services."""
         await until(operations, lambda: operations.at_rest or operations.ending, settled)
         return text(operations.snapshot())
+
+    @app.get("/v1/summary", dependencies=[needs("plan")], response_model=SummaryView)
+    async def summary() -> Response:
+        """The robot in a few words, for lists of many robots."""
+        return text(views.summary(operations.current, operations.about_tree(), operations.machines.here))
 
     @app.get("/v1/engine", dependencies=[needs("read")], response_model=EngineView)
     async def engine() -> Response:

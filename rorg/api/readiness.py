@@ -92,6 +92,8 @@ def _one(decision: Decision, status: Status | None, question: Question) -> Ready
     ready = status.condition("Ready")
     if status.state == "meta":
         return Ready(True, "")
+    if name in situation.desired.catalog.services and situation.desired.catalog.services[name].away:
+        return _away(status, decision, question)
     if not situation.observed.complete:
         return Ready(False, status.incarnation, situation.observed.error or "the engine has not said yet what runs")
     if status.wanted and ready.status == "True":
@@ -116,6 +118,18 @@ def _one(decision: Decision, status: Status | None, question: Question) -> Ready
     missing = situation.memory.of(name).missing or any(w.code in (NO_IMAGE, BLOCKED) for w in waitings)
     failing = stalled or over or missing
     return Ready(False, status.incarnation, why, hopeless=failing or bool(status.held))
+
+
+def _away(status: Status, decision: Decision, question: Question) -> Ready:
+    """For a service of another machine: only what that one says about requests sent since the question counts for a
+    caller that waits."""
+    known, ready = decision.situation.peers, status.condition("Ready")
+    since = known.said_at.get(status.machine)
+    if question.waits and (since is None or since < question.since):
+        return Ready(False, status.incarnation, ready.message or f"{status.machine} is being asked", asking=True)
+    if not status.wanted:
+        return Ready(False, status.incarnation, "nothing active requests it")
+    return Ready(ready.status == "True", status.incarnation, ready.message)
 
 
 def _probed(step: Progress, since: float, incarnation: str, waits: bool) -> Ready:

@@ -39,6 +39,21 @@ class StandingView(BaseModel):
     reason: str = Field(description="For people; empty for good.")
 
 
+class SummaryView(BaseModel):
+    """A robot in a few words, for lists of robots."""
+
+    robot: str = Field(description="Whose overlay is used; empty for the base alone.")
+    machine: str = Field(description="Which of its computers this is; empty if it has only one.")
+    revision: str = Field(description="The git commit of its manifests; empty without one.")
+    standing: str = Field(description="applying, baking, good, failed; refused if the manifests have errors.")
+    reason: str = Field(description="Why it is not good.")
+    health: dict[str, int] = Field(description="How many wanted services have each health.")
+    degraded: list[str] = Field(description="Services that are wanted and Degraded; at most 20.")
+    drift: int = Field(description="How many services are not as declared.")
+    engine: str = Field(description="Why the engine does not answer; empty if it does.")
+    down: str = Field(description="going or down; empty if the robot is not taken down.")
+
+
 class TreeView(BaseModel):
     """The tree of manifests that is in force."""
 

@@ -1,4 +1,4 @@
-"""TLS of the server: its certificate and the clients that it accepts, from files that may change while it runs."""
+"""TLS of the server and of its calls to other machines: certificates from files that may change while it runs."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ class Tls:
 
     def __post_init__(self) -> None:
         self._seen, self.context = self._stamps(), self._made()
+        self.client = self._calling()
 
     def renew(self) -> bool:
         """Whether the files have changed since the last call; then the context is a new one. Raises Invalid if they
@@ -30,8 +31,17 @@ class Tls:
         if stamps == self._seen:
             return False
         self._seen = stamps
-        self.context = self._made()
+        self.context, self.client = self._made(), self._calling()
         return True
+
+    def _calling(self) -> ssl.SSLContext:
+        """A context by which this rorg calls others, with the same certificate and authority. Raises Invalid."""
+        try:
+            context = ssl.create_default_context(cafile=str(self.authority))
+            context.load_cert_chain(self.certificate, self.key)
+        except (OSError, ssl.SSLError) as error:
+            raise Invalid("call other machines", f"the certificates cannot be read: {error}") from error
+        return context
 
     def _made(self) -> ssl.SSLContext:
         """A context that accepts clients by these files. Raises Invalid."""

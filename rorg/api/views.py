@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from rorg.api.current import Current, missing
@@ -23,6 +24,30 @@ def requests(current: Current) -> list[dict[str, Any]]:
         {**request_json(r), "expires_in": round(leases[r.key].until - current.clock, 3) if r.key in leases else None}
         for r in (*current.catalog.requests, *current.decision.settled.requests)
     ]
+
+
+MOST_NAMED = 20
+
+
+def summary(current: Current, about: Mapping[str, Any], machine: str) -> dict[str, Any]:
+    """A robot in a few words. `about`: its tree and whether it is down."""
+    tree, standing = about["tree"], about["tree"]["standing"] or {"code": "", "reason": ""}
+    refused = str(tree["errors"][0]["message"]) if tree["errors"] else ""
+    mine = [s for s in current.statuses.values() if s.state != "meta" and s.machine in ("", machine)]
+    wanted = [s for s in mine if s.wanted]
+    silence = current.decision.situation.observed.silence
+    return {
+        "robot": tree["robot"],
+        "machine": machine,
+        "revision": tree["revision"],
+        "standing": "refused" if refused else standing["code"],
+        "reason": refused or standing["reason"],
+        "health": dict(Counter(s.health for s in wanted)),
+        "degraded": sorted(s.service for s in wanted if s.health == "Degraded")[:MOST_NAMED],
+        "drift": sum(s.sync == "OutOfSync" for s in mine),
+        "engine": str(silence or ""),
+        "down": about["down"],
+    }
 
 
 def why(current: Current, name: str) -> list[dict[str, Any]]:
@@ -47,7 +72,7 @@ def _why(current: Current, name: str) -> dict[str, Any]:
                 "kind": link.cause.kind,
                 "by": link.cause.by,
                 "request": link.cause.request,
-                "text": str(link),
+                "text": f"{_at(catalog, link.service)} ({link.cause})",
             }
             for link in status.chain
         ],
@@ -60,6 +85,12 @@ def _why(current: Current, name: str) -> dict[str, Any]:
         ],
         "cautions": status.cautions,
     }
+
+
+def _at(catalog: Catalog, name: str) -> str:
+    """A service with its machine, if the robot has several."""
+    machine = catalog.services[name].machine if name in catalog.services else ""
+    return f"{name}@{machine}" if machine else name
 
 
 def _probing(status: Status) -> Iterator[str]:

@@ -7,6 +7,7 @@ from typing import Any
 
 COMMANDS = (
     "init",
+    "certificate",
     "import",
     "validate",
     "doctor",
@@ -22,12 +23,14 @@ COMMANDS = (
     "run-with",
     "restart",
     "retry",
+    "take",
     "hold",
     "suspend",
     "down",
     "wait",
     "events",
     "history",
+    "fleet",
     "rollback",
     "restore",
     "timeline",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from rorg.cli.context import Context
 from rorg.cli.options import SERVICES, Argument, Option, RobotEngine
@@ -51,7 +51,11 @@ def container_of(context: Context, service: str, what: str) -> Container:
     if containers:
         return max(containers, key=lambda c: (c.alive, c.started_at))
     client = context.client()
-    services = {s["service"] for s in client.services()} if client else set(context.catalog().services)
+    views: dict[str, Any] = {s["service"]: s for s in client.services()} if client else {}
+    services = set(views) or set(context.catalog().services)
+    machine = views.get(service, {}).get("machine", "")
+    if client and machine and not next(m["here"] for m in client.call("GET", "/v1/machines") if m["name"] == machine):
+        raise NotReady(what, f"{service} belongs to the machine {machine}", f"the same command on {machine}")
     if service in services:
         raise NotReady(what, f"{service} has no container", f"`rorg request {service} --wait` first")
     groups = {g["name"]: g["services"] for g in context.groups()}

@@ -22,7 +22,7 @@ Found = tuple[list[dict[str, Any]], list[Any]]
 What = Annotated[
     list[str] | None,
     Argument(
-        "A kind (services, groups, images, networks, volumes, profiles, policies, requests), or names of "
+        "A kind (services, groups, images, networks, volumes, machines, profiles, policies, requests), or names of "
         "services and groups; names may follow a kind.",
         completes=SERVICES,
     ),
@@ -51,8 +51,8 @@ def command(
     no_headers: Annotated[bool, Option("Print the table without its first line.")] = False,
     all_namespaces: AllNamespaces = False,
 ) -> None:
-    """List services with their state, or groups, images, networks, volumes, profiles, policies, requests. RESTARTS
-    counts unexpected exits. AGE is the time since the last start.
+    """List services with their state, or groups, images, networks, volumes, machines, profiles, policies, requests.
+    RESTARTS counts unexpected exits. AGE is the time since the last start.
 
     Example: rorg get --group driving --sort-by restarts
     """
@@ -82,7 +82,9 @@ def command(
 
 
 def _with_message(rows: Sequence[Mapping[str, Any]], columns: tuple[str, ...]) -> tuple[str, ...]:
-    """The columns, with one for messages if there is any."""
+    """The columns, with one for machines and one for messages if there are any."""
+    if any(row.get("machine") for row in rows):
+        columns = (columns[0], "machine", *columns[1:])
     return (*columns, "message") if any(row.get("message") for row in rows) else columns
 
 
@@ -135,6 +137,24 @@ def _all_manifests(context: Context) -> list[dict[str, Any]]:
         return listed(context.root)
 
     return context.asked("/v1/manifests", here)
+
+
+def _machines(context: Context, names: Sequence[str]) -> Found:
+    def here() -> list[dict[str, Any]]:
+        return [{"name": m.name, "address": m.address} for m in context.catalog().machines.values()]
+
+    machines = _named("machine", names, context.asked("/v1/machines", here), "name")
+    rows = [
+        {
+            **m,
+            "link": "this one" if m.get("here") else m.get("link", ""),
+            "answered": age(m["since"]) if m.get("since") is not None else "-",
+            "lease": f"{m['lease']:g} s" if "lease" in m else "",
+            "message": m.get("reason", ""),
+        }
+        for m in machines
+    ]
+    return rows, machines
 
 
 def _objects(kind: str) -> Any:
@@ -197,6 +217,7 @@ ROWS = {
     "networks": _objects("network"),
     "volumes": _objects("volume"),
     "profiles": _manifests("Profile"),
+    "machines": _machines,
     "policies": _manifests("Policy"),
     "requests": _requests,
 }
@@ -207,6 +228,7 @@ COLUMNS = {
     "networks": (("name", "state", "engine", "services"), ("ours", "declared")),
     "volumes": (("name", "state", "engine", "services"), ("ours", "declared")),
     "profiles": (("name", "file"), ("digest",)),
+    "machines": (("name", "link", "answered", "services", "requests"), ("address", "lease")),
     "policies": (("name", "file"), ("digest",)),
     "requests": (("id", "requester", "services", "kind"), ("priority", "ttl", "incarnation", "reason")),
 }
@@ -231,6 +253,7 @@ def service_rows(services: Iterable[dict[str, Any]]) -> tuple[list[dict[str, Any
             "why": s["why"] or "-",
             "priority": s["effective_priority"],
             "container": s["container"][:12],
+            "machine": s.get("machine", ""),
             "message": s["message"],
         }
         for s in full

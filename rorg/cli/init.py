@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
 from rorg.cli.options import Argument, Option
 from rorg.cli.output import disk_errors, note
-from rorg.errors import Refused
+from rorg.errors import Invalid, Refused
+from rorg.model.machines import PORT
 
 
 class Template(NamedTuple):
@@ -39,6 +40,20 @@ TEMPLATES = {
         request="tour",
     ),
 }
+MACHINES = ("body", "head", "arm", "lab")
+"""Names for the machines of a first robot; the first one is the default."""
+MACHINE = """# yaml-language-server: $schema=../schemas/machine.json
+apiVersion: rorg/v1
+kind: Machine
+metadata: {{name: {name}}}
+spec:
+  address: localhost:{port}      # the name or address of that computer, and the port of its rorg
+  {more}
+"""
+DEFAULT = "default: true                # services that name no machine run here"
+LEASE = "lease: 10s                   # for so long requests of the others count here after a link has failed"
+MOVED = Path("services/localization.yaml")
+"""The service of the first robot that runs on the second machine."""
 HIDDEN = ("gitignore", "vscode")
 NEXT = """{name} is a robot of {services}{git}. Next:
 {cd}  rorg validate                     # every mistake, with file:line:column
@@ -54,11 +69,15 @@ def command(
     template: Annotated[
         str, Option("first: three small services. ros2: nodes of ROS 2, one of them managed.", choices=tuple(TEMPLATES))
     ] = FIRST,
+    machines: Annotated[int, Option("Computers of the robot, 1 to 4; with the template first.", metavar="N")] = 1,
 ) -> None:
     """Write a first robot, ready to run: services with comments, schemas for editors, in git.
 
     Example: rorg init robot --template ros2
     """
+    if not 1 <= machines <= len(MACHINES) or (machines > 1 and template != FIRST):
+        why = f"there is a template for 1 to {len(MACHINES)} computers, without ROS"
+        raise Invalid(f"write a robot of {machines} computers", why, "--machines 2")
     from rorg.manifest.schema import write
 
     chosen = TEMPLATES[template]
@@ -71,10 +90,27 @@ def command(
             (directory / place).parent.mkdir(parents=True, exist_ok=True)
             (directory / place).write_bytes(path.read_bytes())
         write(directory / "schemas", check=False)
+        if machines > 1:
+            _divide(directory, MACHINES[:machines])
+            places[Path("machines")] = directory
     written = sorted({"schemas", *(place.parts[0] for place in places)})
+    if machines > 1:
+        chosen = chosen._replace(
+            services=f"{chosen.services} on {machines} computers", run="see docs/tutorial-machines.md"
+        )
     values = chosen._asdict() | {"request": f"rorg request {chosen.request} --wait".ljust(34)}
     change = "" if directory == Path(".") else f"  cd {directory}\n"
     note(NEXT.format(name=directory.resolve().name, git=_committed(directory, written), cd=change, **values))
+
+
+def _divide(directory: Path, names: Sequence[str]) -> None:
+    """Declares the machines, and gives a service to the second one."""
+    (directory / "machines").mkdir()
+    for index, name in enumerate(names):
+        text = MACHINE.format(name=name, port=PORT + index, more=LEASE if index else DEFAULT)
+        (directory / f"machines/{name}.yaml").write_text(text, encoding="utf-8")
+    text = (directory / MOVED).read_text(encoding="utf-8")
+    (directory / MOVED).write_text(text.replace("spec:\n", f"spec:\n  machine: {names[1]}\n", 1), encoding="utf-8")
 
 
 def files(template: Path) -> Iterator[Path]:

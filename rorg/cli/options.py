@@ -28,6 +28,7 @@ KINDS = {
     "network": ("networks", "network"),
     "volume": ("volumes", "volume"),
     "profile": ("profiles", "profile"),
+    "machine": ("machines", "machine"),
     "policy": ("policies", "policy"),
     "request": (REQUESTS, "request"),
 }

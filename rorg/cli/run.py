@@ -13,10 +13,12 @@ from typing import TYPE_CHECKING, Annotated
 from rorg_client import Error
 
 from rorg.cli.context import Context
+from rorg.cli.listening import Files, files_of_machine, listening
 from rorg.cli.options import DIRECTORIES, FILES, Option, RunTree, duration
 from rorg.cli.output import note
 from rorg.cli.terminal import entry
 from rorg.errors import Invalid
+from rorg.model.machines import PORT
 from rorg.model.units import counted
 from rorg.store.state_dir import SERVER
 
@@ -40,6 +42,24 @@ Group = Annotated[
 Listen = Annotated[
     str, Option("Also serve the API on TCP, with TLS and only for clients with a certificate.", metavar="HOST:PORT")
 ]
+Machine = Annotated[
+    str,
+    Option(
+        "Which of the robot's machines this is. Default: RORG_MACHINE, or the one that it was last, or the one with "
+        "the name of this computer.",
+        show_default=False,
+        metavar="NAME",
+    ),
+]
+Certificates = Annotated[
+    Path | None,
+    Option(
+        f"For --listen, on port {PORT} by default: the files that `rorg certificate` has made for this machine.",
+        show_default=False,
+        metavar="DIR",
+        completes=DIRECTORIES,
+    ),
+]
 Git = Annotated[
     str,
     Option(
@@ -61,6 +81,8 @@ Signers = Annotated[
 def command(
     context: RunTree,
     *,
+    machine: Machine = "",
+    certificates: Certificates = None,
     group: Group = GROUP,
     listen: Listen = "",
     tls_cert: Pem = None,
@@ -77,15 +99,21 @@ def command(
 
     Example: rorg run manifests
     """
+    from rorg.daemon.wiring import MACHINE
     from rorg.host.heap import share_heap
 
     share_heap()
+    if machine:
+        os.environ[MACHINE] = machine
     if not git and _brought_up(context):
         return
     directory = context.directory or (context.root if committed else None)
     repository = followed(directory, git, path, committed, signers)
     _check(None if repository else context.root, group)
-    tcp = _tcp(listen, (tls_cert, tls_key, tls_ca, tls_revoked)) if listen else None
+    files: Files = (tls_cert, tls_key, tls_ca, tls_revoked)
+    if certificates:
+        listen, files = listen or f"0.0.0.0:{PORT}", files_of_machine(certificates, machine)
+    tcp = listening(listen, files) if listen else None
     context.state.acquire(SERVER)
     _tell_down(context)
     _serve(context, _loop(context, repository, poll), group, tcp)
@@ -93,15 +121,21 @@ def command(
 
 def _serve(context: Context, loop: Loop, group: str, tcp: tuple[str, int, Tls] | None) -> None:
     """Runs the loop and the API until it is told to stop, or the robot is down."""
+    from rorg.api.links import Links
     from rorg.api.server import make_server
     from rorg.store.clear import clear
 
     server = make_server(loop, context.state, group)
     server.tcp = tcp
+    links = Links(loop.machines, tcp[2]) if tcp else None
     with context.state.usable():
         server.start()
     note(f"API on {server.directory / 'rorg.sock'}")
+    if links:
+        links.start()
     _run_until_told(loop, server)
+    if links:
+        links.stop()
     if loop.is_down:
         clear(context.state, loop.wall())
         note("the robot is down; `rorg up` brings it up")
@@ -205,21 +239,6 @@ def _run_until_told(loop: Loop, server: Server) -> None:
         notify("STOPPING=1")
         watchdog.stop()
         server.stop()
-
-
-def _tcp(listen: str, files: tuple[Path | None, ...]) -> tuple[str, int, Tls]:
-    """Where to listen and how to know clients. Raises Invalid without the files that this takes."""
-    from rorg.api.tls import Tls
-
-    host, _, port = listen.rpartition(":")
-    cert, key, authority, revoked = files
-    if not (cert and key and authority and port.isdigit()):
-        raise Invalid(
-            f"listen on {listen}",
-            "TCP is only served with TLS and client certificates",
-            "HOST:PORT with --tls-cert, --tls-key and --tls-ca",
-        )
-    return host or "127.0.0.1", int(port), Tls(cert, key, authority, revoked)
 
 
 def followed(directory: Path | None, git: str, path: str, committed: bool, signers: Path | None) -> Followed | None:

@@ -81,11 +81,11 @@ class _Assessment:
         self.inputs, self.desired, self.catalog = inputs, inputs.desired, inputs.desired.catalog
         last, services, hold = inputs.memory, self.catalog.services, inputs.suspended
         self.settled = settle(self.catalog, inputs.requests, inputs.observed, last.leases, inputs.renewals, inputs.now)
-        self.requests = (*self.catalog.requests, *self.settled.requests)
+        self.requests = (*self.catalog.requests, *self.settled.requests, *inputs.peers.requests)
         self.holds = {
             name: _until("held", held)
             for name, held in inputs.holds.items()
-            if held.until > inputs.wall and name in services and not services[name].meta
+            if held.until > inputs.wall and name in services and services[name].spec is not None
         }
         """Services held by a person -> the reason."""
         self.suspended = _until("suspended", hold) if hold and hold.until > inputs.wall else ""
@@ -99,8 +99,9 @@ class _Assessment:
         self.memory = retried(replace(memory, leases=self.settled.leases, admitted=admitted), inputs.retries)
 
     def excluded(self, memory: Memory) -> dict[str, str]:
-        """Return services that are shed or held, each with the reason."""
-        return {**{s.service: s.reason for s in memory.pressure.shed}, **self.holds}
+        """Return services that are shed, held, or kept from running by their machine, each with the reason."""
+        shed = {s.service: s.reason for s in memory.pressure.shed}
+        return {**self.inputs.peers.excluded, **shed, **self.holds}
 
     def track(self, cache: Cache | None, touched: Collection[str]) -> Tracked | None:
         inputs = self.inputs

@@ -225,6 +225,7 @@ def _resources(desired: Desired) -> dict[str, dict[str, dict[str, Any]]]:
         "Image": {name: _fields(image) for name, image in catalog.images.items()},
         "Network": {name: _network_or_volume(network) for name, network in catalog.networks.items()},
         "Volume": {name: _network_or_volume(volume) for name, volume in catalog.volumes.items()},
+        "Machine": {name: _fields(machine) for name, machine in catalog.machines.items()},
         "Request": {request.id: _fields(request) for request in catalog.requests},
         "Policy": {"": _fields(catalog.policy)},
     }

@@ -85,10 +85,14 @@ def _on_object(action: Action, situation: Situation) -> list[str]:
     return []
 
 
+def _ready(situation: Situation, name: str) -> bool:
+    return situation.memory.of(name).ready or situation.completed(name)
+
+
 def _activation(action: Action, situation: Situation) -> list[str]:
     """Check that only wanted services begin, with everything they need, and that only unwanted ones end."""
     services, name = situation.desired.catalog.services, action.service
-    if name not in services or services[name].meta:
+    if name not in services or services[name].meta or services[name].away:
         going = situation.removals or name in situation.confirmed
         ok = going and isinstance(action.operation, (Stop, Remove))
         return [] if ok else [f"{action}, which no manifest declares"]
@@ -100,8 +104,7 @@ def _activation(action: Action, situation: Situation) -> list[str]:
             for n in services[name].needs
             if not services[n].meta
             and not action.after
-            and not situation.memory.of(n).ready
-            and not situation.completed(n)
+            and (situation.peers.unready(services[n]) if services[n].away else not _ready(situation, n))
         ]
         if unready:
             return [f"{action} before {', '.join(unready)} is ready"]

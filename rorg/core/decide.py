@@ -13,6 +13,7 @@ from rorg.core.dispatch import begin, forget, freed_at, select
 from rorg.core.incremental import busy, update_plan
 from rorg.core.inputs import Cache, Inputs
 from rorg.core.memory import Memory, ProbeResult, ProbeResults
+from rorg.core.peers import stand_ins
 from rorg.core.plan import Action, Plan
 from rorg.core.prediction import with_begun
 from rorg.core.requests import Settled
@@ -58,6 +59,7 @@ class Decision:
 def decide(inputs: Inputs) -> Decision:
     """Settle requests, plan, check the plan, and pick the actions to begin. A plan that violates an invariant begins
     nothing."""
+    inputs = _beside(inputs)
     observed = inputs.observed
     cache = inputs.cache if observed.complete else None
     touched = observed.since(cache.planned.situation.observed) if cache else set[str]()
@@ -94,6 +96,13 @@ def decide(inputs: Inputs) -> Decision:
     )
 
 
+def _beside(inputs: Inputs) -> Inputs:
+    """Return the inputs with services of other machines among what is observed."""
+    if not inputs.peers.here:
+        return inputs
+    return replace(inputs, observed=replace(inputs.observed, elsewhere=stand_ins(inputs.peers.remotes)))
+
+
 def _withheld(inputs: Inputs) -> tuple[Inputs, Withheld, tuple[str, ...]]:
     """Return the inputs with withheld services still desired, the withheld services, and the confirmations that
     ended."""
@@ -116,7 +125,7 @@ def _withheld(inputs: Inputs) -> tuple[Inputs, Withheld, tuple[str, ...]]:
 def _deadline(situation: Situation, due: Schedule, inputs: Inputs, look: float | None) -> float | None:
     """Return the earliest future moment at which something is due."""
     now, memory = situation.now, situation.memory
-    times = [] if look is None else [look]
+    times = [at for at in (look, situation.peers.deadline) if at is not None]
     times += [lease.until for lease in memory.leases.values()]
     ends = [h.until for h in (*inputs.holds.values(), inputs.suspended) if h is not None]
     ends += [parse_time(asked) for asked in inputs.restarts.values()]

@@ -89,7 +89,7 @@ def _below_the_top(catalog: Catalog, admission: Admission) -> frozenset[str]:
     """Return wanted services that matter less than the most important one. Services with an interlock are left out:
     asking the hardware for permission is too much for a change of CPU shares."""
     services = catalog.services
-    priorities = {n: r for n, r in admission.priorities.items() if not services[n].meta}
+    priorities = {n: r for n, r in admission.priorities.items() if services[n].spec is not None}
     top = max(priorities.values(), default=0)
     return frozenset(n for n, r in priorities.items() if r < min(top, PROTECTED) and not services[n].interlock)
 
@@ -138,7 +138,7 @@ class Victims:
             n
             for n, priority in self.admission.priorities.items()
             if priority < PROTECTED
-            and not services[n].meta
+            and services[n].spec is not None
             and self.states.get(n) in ("running", *ASLEEP)
             and n not in askers
             and n not in needed

@@ -27,7 +27,7 @@ from rorg.model.objects import is_object
 QueueEntry = tuple[bool, bool, int, int, Action]
 """(not urgent, no driver, -priority, place, action that can begin now). Sorted, the first entry is the most
 important."""
-OWN = ("observed", "memory", "now", "interlocks")
+OWN = ("observed", "memory", "now", "interlocks", "peers")
 """Fields of a Situation that are compared per service; every other field concerns all services."""
 COMMON = tuple(f.name for f in fields(Situation) if f.name not in OWN)
 
@@ -99,10 +99,15 @@ def update_plan(kept: Planned | None, situation: Situation, touched: Collection[
     """Return the plan of a situation, reusing what still holds. `touched` are services whose containers changed since
     the `kept` plan was made."""
     # Undeclared containers are rare and may be in the way of any service: plan everything.
-    any_undeclared = bool(undeclared(situation)) or any(n not in situation.desired.digests for n in touched)
-    if kept is None or any_undeclared or not situation.observed.complete or _common_changed(kept.situation, situation):
+    if (
+        kept is None
+        or _any_undeclared(kept, situation, touched)
+        or not situation.observed.complete
+        or _common_changed(kept.situation, situation)
+    ):
         return plan_all(situation)
     changed = _changed_progress(kept.situation, situation) | set(touched)
+    changed |= situation.peers.changed(kept.situation.peers)
     no_linger = kept.no_linger
     planner = Planner(situation, kept.places, no_linger)
     if any(n in situation.desired.rivals for n in changed):
@@ -117,6 +122,13 @@ def update_plan(kept: Planned | None, situation: Situation, touched: Collection[
         planner, kept, changed | depending | locks | calls | (no_linger ^ kept.no_linger) | kept.volatile
     )
     return _with_replanned(kept, planner, replanned, no_linger)
+
+
+def _any_undeclared(kept: Planned, situation: Situation, touched: Collection[str]) -> bool:
+    """Return whether something without a digest has, or had, a container here. Services of other machines have none."""
+    desired = situation.desired
+    others = [n for n in touched if n not in desired.digests]
+    return bool(undeclared(situation)) or any(n in kept.places or n not in desired.dependants for n in others)
 
 
 def busy(planned: Planned, name: str) -> bool:

@@ -149,6 +149,9 @@ class Observed:
     look that began after it."""
     silence: Silence | None = None
     """Set while the engine does not answer pings; `complete` is False then."""
+    elsewhere: Mapping[str, Container] = field(default_factory=dict)
+    """Service of another machine -> a container that stands for the one there, so that its state and run can be looked
+    up. It is in none of the lists."""
     _by_service: dict[str, list[Container]] | None = field(default=None, init=False, compare=False, repr=False)
 
     def by_service(self) -> dict[str, list[Container]]:
@@ -160,7 +163,8 @@ class Observed:
 
     def of(self, service: str) -> Sequence[Container]:
         """Return the containers of one service."""
-        return self.by_service().get(service, ())
+        found = self.by_service().get(service, ())
+        return (self.elsewhere[service],) if not found and service in self.elsewhere else found
 
     def current(self, service: str) -> Container | None:
         """Return the container by which a service is active, or else the last started one."""
@@ -170,6 +174,8 @@ class Observed:
         """Return services whose containers changed, and take over the sorting of all others."""
         if before is self:
             return set()
+        there = (before.elsewhere, self.elsewhere) if before.elsewhere != self.elsewhere else ({}, {})
+        moved = {n for n in {**there[0], **there[1]} if there[0].get(n) != there[1].get(n)}
         changed = {c.service for c in changed_items(before.containers, self.containers) if c.service}
         if self._by_service is None:
             by_service = {**before.by_service()}
@@ -177,7 +183,7 @@ class Observed:
                 by_service.pop(name, None)
             by_service |= _sorted(c for c in self.containers if c.service in changed) if changed else {}
             object.__setattr__(self, "_by_service", by_service)
-        return changed
+        return changed | moved
 
 
 def _sorted(containers: Iterable[Container]) -> dict[str, list[Container]]:

@@ -18,6 +18,7 @@ from rorg.core.reconcile import chain
 from rorg.core.situation import Exclusive, Situation, View
 from rorg.core.steps import Chain, Step, away
 from rorg.model.catalog import Service
+from rorg.model.codes import OWNER
 from rorg.model.units import format_seconds
 
 LAST = -1
@@ -26,9 +27,10 @@ LAST = -1
 
 def in_order(situation: Situation) -> list[str]:
     """Return all subjects in planning order: declared networks and volumes; services to cease, dependants first;
-    services to run, needs first; networks and volumes to remove. Meta-services have nothing to plan."""
-    services, wanted = situation.desired.catalog.services, situation.wanted
-    own = [n for n in situation.desired.order if not services[n].meta]
+    services to run, needs first; networks and volumes to remove. Meta-services, and services of other machines, have
+    nothing to plan."""
+    wanted = situation.wanted
+    own = [n for n in situation.desired.order if n in situation.desired.digests]
     ceasing = [n for n in reversed(own) if n not in wanted]
     of_services = [*sorted(undeclared(situation)), *ceasing, *(n for n in own if n in wanted)]
     return [*declared_objects(situation), *of_services, *sorted(former_objects(situation))]
@@ -114,9 +116,13 @@ class Planner:
         if name in self.former:
             return former_chain(view, name, self.former[name])
         if name in self.undeclared:
-            return Chain([s for c in view.of(name) for s in away(c, "no manifest declares it", volumes=True)])
+            moved = self.services[name].away if name in self.services else ""
+            why = f"it belongs to {moved} now" if moved else "no manifest declares it"
+            return Chain([s for c in view.of(name) for s in away(c, why, volumes=True)])
         if name in self.s.desired.objects:
             return declared_chain(view, name)
+        if name in self.s.peers.unowned:
+            return Chain(waiting=Waiting(name, self.s.peers.unowned[name], code=OWNER))
         if any(c.state == "removing" for c in view.of(name)):
             return Chain(waiting=Waiting(name, "the engine is removing its container"))
         return chain(view, service)

@@ -20,7 +20,7 @@ class Loss:
 
     service: str
     cause: str
-    """held, shed, preempted, replaced, restarted, crashed, hung, unready or ceased."""
+    """held, shed, preempted, replaced, restarted, crashed, hung, unready, unreachable or ceased."""
     reason: str
     incarnation: str
     """The run that was ready."""
@@ -30,8 +30,9 @@ class Loss:
 
 def ready_runs(decision: Decision) -> dict[str, str]:
     """Return runs that requests rely on and that no action is about to end."""
-    memory, ending = decision.memory, _ending(decision)
-    return {
+    memory, ending, known = decision.memory, _ending(decision), decision.situation.peers
+    there = {n: r.incarnation for n, r in known.remotes.items() if r.ready and n in decision.situation.wanted}
+    return there | {
         name: run for name in decision.situation.wanted if (run := memory.of(name).relied_on) and name not in ending
     }
 
@@ -81,6 +82,10 @@ def _cause(decision: Decision, name: str, run: str, action: Action | None) -> tu
         if first:
             return _exclusion(decision, first), situation.preempted[first]
         return "ceased", "it is no longer wanted"
+    if name in situation.peers.unknown:
+        return "unreachable", f"it {situation.peers.unknown[name]}"
+    if name in situation.peers.remotes:
+        return "unready", f"it {situation.peers.trouble(name) or 'runs anew'}"
     if action is not None and action.part_of:
         return ("replaced" if action.part_of is Part.REPLACE else "restarted"), action.reason
     if name in situation.restarts:
@@ -129,8 +134,8 @@ class StateChange:
 
 
 def state_of(decision: Decision, name: str) -> str:
-    """Return the state of a service's current container."""
-    containers = decision.situation.observed.of(name)
+    """Return the state of a service's current container on this machine."""
+    containers = decision.situation.observed.by_service().get(name)
     if not containers:
         return NONE
     return READY if containers[0].active and decision.memory.of(name).ready else containers[0].state

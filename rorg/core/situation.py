@@ -10,6 +10,7 @@ from rorg.core.desired import Desired
 from rorg.core.digest import rules_of
 from rorg.core.memory import Memory
 from rorg.core.observed import Container, Observed
+from rorg.core.peers import NOBODY, Peers
 from rorg.core.plan import ServicePlan
 from rorg.core.ros_graph import Graphs
 from rorg.core.wanted import Wanted
@@ -65,6 +66,8 @@ class Surroundings:
     """Graphs of the ROS 1 masters that answer, and of the ROS 2 domains that are reported."""
     unreported: Mapping[str, float] = field(default_factory=dict)
     """Graphs of ROS 2 with managed nodes that nothing reports -> since when."""
+    peers: Peers = NOBODY
+    """The other machines of the robot."""
     purge: bool = False
     """Volumes are removed with all their data: the robot is taken down and a person ordered it."""
 
@@ -198,4 +201,8 @@ class View:
     def unready(self, name: str) -> str:
         """Return why a service is not ready and the plan will not change that; "" otherwise."""
         service = self.desired.catalog.services.get(name)
-        return "is not declared" if service is None else "" if service.meta else self.earlier(name).unready
+        if service is None:
+            return "is not declared"
+        if service.away:
+            return self.s.peers.unready(service)
+        return "" if service.meta else self.earlier(name).unready

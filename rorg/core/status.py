@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
 from rorg.core.conditions import CAUTIONS, Condition, occasional, requested, stalled
+from rorg.core.links import Remote
 from rorg.core.observed import Container
 from rorg.core.operations import Create, Rename
 from rorg.core.plan import Action, Part, Plan
@@ -55,6 +56,8 @@ class Status:
     """It moves hardware."""
     labels: Mapping[str, str] = field(default_factory=dict)
     """From its manifest."""
+    machine: str = ""
+    """The computer that it belongs to, if the robot has several."""
     chain: tuple[Link, ...] = ()
     """Why it is wanted, from the service to a root; empty if it is not."""
 
@@ -124,6 +127,8 @@ class _Assessed:
         why = why or held or self.s.preempted.get(name, "")
         if service.meta:
             return Status(name, "meta", "Synced", "Healthy", True, why, labels=service.labels, chain=links)
+        if service.away:
+            return self.away(service, why, links)
         progress, known, current = self.s.memory.of(name), self.s.observed.complete, self.s.observed.current(name)
         pending = next((a.verb for a in self.actions.get(name, ())), "")
         ready, reason, message = self.readiness(service, current)
@@ -150,9 +155,37 @@ class _Assessed:
             ros_nodes=ros_nodes(service),
             driver=service.driver,
             labels=service.labels,
+            machine=service.machine,
             chain=links,
         )
         return status if current is None else _with_container(status, current)
+
+    def away(self, service: Service, why: str, links: tuple[Link, ...]) -> Status:
+        """Return the status of another machine's service, as that one told."""
+        name, there = service.name, self.s.peers.remotes.get(service.name)
+        unready = self.s.peers.trouble(name)
+        known = "Unknown" if there is None else str(not unready)
+        conditions = (
+            Condition("Ready", known, "NoAnswer" if there is None else "Ready" if not unready else "NotReady", unready),
+            requested(links),
+        )
+        there = there or Remote("unknown", False, False, "Unknown", "Unknown")
+        return Status(
+            name,
+            there.state,
+            there.sync,
+            there.health,
+            bool(links),
+            why,
+            conditions,
+            incarnation=there.incarnation,
+            started_at=there.incarnation.partition("@")[2],
+            effective_priority=self.s.priorities.get(name, service.priority),
+            driver=service.driver,
+            labels=service.labels,
+            machine=service.machine,
+            chain=links,
+        )
 
     def ending(self, name: str, current: Container | None) -> str:
         """Return why the current run is about to end; "" if it goes on."""

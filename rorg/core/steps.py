@@ -191,7 +191,7 @@ def cannot_go_on(view: View, service: Service, container: Container) -> str:
             and current.state == "running"
             and memory.counted_on.lost(need, container, current)
             and not view.has_actions(need)
-            and view.s.memory.of(need).ready
+            and (not view.unready(need) if need in view.s.peers.remotes else view.s.memory.of(need).ready)
             and not tried(view, need)
         ):
             return f"{need} was restarted"

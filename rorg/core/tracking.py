@@ -85,7 +85,8 @@ def track(kept: Tracked | None, facts: Facts, touched: Collection[str]) -> Track
 def _comparable(before: Facts, now: Facts, touched: Collection[str]) -> bool:
     """Return whether everything that concerns all services is as it was."""
     same = before.desired is now.desired and before.wanted is now.wanted and before.booted_at == now.booted_at
-    return same and all(n in now.desired.digests for n in touched)
+    elsewhere = {**before.observed.elsewhere, **now.observed.elsewhere}
+    return same and all(n in now.desired.digests or n in elsewhere for n in touched)
 
 
 def renew_all(memory: Memory, desired: Desired, now: float) -> Memory:

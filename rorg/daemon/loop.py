@@ -15,6 +15,7 @@ from rorg.daemon.generations import Generations
 from rorg.daemon.image_manager import ImageManager
 from rorg.daemon.learner import Learner
 from rorg.daemon.leases import Leases
+from rorg.daemon.machines import Machines
 from rorg.daemon.publisher import Publisher
 from rorg.daemon.recorder import Recorder
 from rorg.daemon.reporter import Reporter
@@ -72,6 +73,7 @@ class Loop:
     recorder: Recorder
     publisher: Publisher
     devices: DeviceWatch
+    machines: Machines
     images: ImageManager | None
     """None if the engine needs no images."""
     generations: Generations
@@ -194,9 +196,11 @@ class Loop:
         self._take_outcomes()
         document, renewals = self.leases.document(), self.leases.renewals()
         self.observer.look_for(self.tree.desired.keys)
-        inputs = self._inputs(document, renewals)
+        asked = self._asked_for()
+        inputs = self._inputs(document, renewals, asked)
         decision = decide(self.teardown.of(inputs) if document.down else inputs)
         self.leases.settle(decision, renewals)
+        self.machines.decided(decision, asked)
         self.written.write(self.running.memory.kept, decision)
         self.running.memory, self.decision, self.inputs = decision.memory, decision, inputs
         self.generations.acted = self.generations.read(upto, not self.wakes.files)
@@ -217,12 +221,17 @@ class Loop:
         self.decided()
         return decision
 
-    def _inputs(self, document: RequestsDocument, renewals: Mapping[tuple[str, str], int]) -> Inputs:
+    def _inputs(
+        self, document: RequestsDocument, renewals: Mapping[tuple[str, str], int], asked: Mapping[str, float]
+    ) -> Inputs:
+        observed = self.ros.observed(self.observer.snapshot(), self.tree.desired.catalog)
+        desired, peers = self.machines.known(self.tree.desired, self.tree.here, observed, self.running.memory.in_flight)
         return Inputs(
-            desired=self.tree.desired,
+            desired=desired,
+            peers=peers,
             requests=document.requests,
             restarts=document.restarts,
-            observed=self.ros.observed(self.observer.snapshot(), self.tree.desired.catalog),
+            observed=observed,
             results=self.prober.results(),
             memory=self.running.memory,
             now=self.clock(),
@@ -236,7 +245,7 @@ class Loop:
             wall=self.wall(),
             load=self.sampler.latest,
             renewals=renewals,
-            asked=self._asked_for(),
+            asked=asked,
             confirmed=document.removals,
             retries=document.retries,
             images=self.images.look(self.tree.desired, self.tree.images) if self.images else {},
@@ -260,7 +269,7 @@ class Loop:
     def _asked_for(self) -> dict[str, float]:
         """Service -> since when an answer of its probe counts for everyone who asks."""
         times: dict[str, float] = {}
-        for asked in list(self.questions.values()):
+        for asked in [*self.questions.values(), self.machines.questions()]:
             times.update({name: max(since, times.get(name, since)) for name, since in asked.items()})
         return times
 

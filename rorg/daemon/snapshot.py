@@ -122,6 +122,7 @@ class Snapshots:
             runs = ((n, p) for n, p in situation.memory.progress.items() if p.running_since is not None)
             # Time alone makes them late, or ends their trial.
             stale.update(n for n, p in runs if not p.ready or len(containers.get(n, ())) > 1)
+            stale.update(situation.peers.remotes, situation.peers.unknown)
             by_name = statuses(situation, decision.plan, decision.holds, stale)
         else:
             self._services, by_name = {}, statuses(situation, decision.plan, decision.holds)

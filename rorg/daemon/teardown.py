@@ -22,7 +22,11 @@ class Teardown:
         """Return the inputs of a pass that takes the robot down."""
         if self._made is None or self._made[0] is not inputs.desired:
             self._made = inputs.desired, teardown(inputs.desired, inputs.memory.kept.catalog)
-        return replace(inputs, desired=self._made[1], requests=(), restarts={}, holds={}, removals=True, down=True)
+        # Leases of other machines keep nothing here from being taken down.
+        peers = replace(inputs.peers, requests=(), excluded={}, unowned={})
+        return replace(
+            inputs, desired=self._made[1], peers=peers, requests=(), restarts={}, holds={}, removals=True, down=True
+        )
 
 
 def is_down(document: RequestsDocument, decision: Decision | None) -> bool:

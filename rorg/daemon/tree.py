@@ -15,6 +15,7 @@ from typing import Any
 
 from rorg.core.desired import Desired, desire
 from rorg.core.masking import Masker
+from rorg.core.peers import seen_from
 from rorg.core.standing import Standing
 from rorg.daemon.git_source import GitSource
 from rorg.errors import RorgError
@@ -24,6 +25,7 @@ from rorg.images.references import Content, References
 from rorg.manifest.documents import beside, manifest_files, manifest_folders, stray_files, tree_files, unexpected
 from rorg.manifest.inputs import Inputs
 from rorg.manifest.load import Loaded, load
+from rorg.manifest.machines import machine_for
 from rorg.manifest.overlay import FOLDER, robot_for
 from rorg.model.catalog import EMPTY, Catalog
 from rorg.model.diagnostics import Diagnostic, Where
@@ -56,6 +58,7 @@ class Tree:
     """The stamp of the record of builds at that time."""
     overtaken = False
     """Whether `commit` may be a later one than the one that was read: the repository has moved since then."""
+    here = ""  # which machine of the robot this is, if it has several
     _commit: tuple[object, Commit | None] | None = None
     """(the repository's head when git was asked, git's answer)."""
     _moves: tuple[tuple[int, int], ...] = ()
@@ -80,11 +83,12 @@ class Tree:
         named: str = "",
         host: str = "",
         source: GitSource | None = None,
+        machine: str = "",
         adapt: Callable[[Catalog], Catalog] = lambda catalog: catalog,
     ) -> None:
-        """`named`: the robot whose overlay is used; by default the one called `host`, if there is one. `adapt`: changes
-        what was read into what runs, such as stand-ins for its programs."""
-        self.named, self.host = named, host
+        """`named`, `machine`: the robot whose overlay is used, and which of its machines this is; by default those
+        called `host`. `adapt`: changes what was read into what runs, such as stand-ins for its programs."""
+        self.named, self.host, self.machine = named, host, machine
         self.root, self.run, self.clock, self.engine = root, run, clock, engine
         self.references, self.source, self.adapt = references, source, adapt
         self.masker = Masker()
@@ -259,10 +263,17 @@ class Tree:
 
         try:
             loaded = load(self.root, on_inputs=found, engine=self.engine, robot=self.robot)
-            loaded = replace(loaded, catalog=self.adapt(loaded.catalog)) if loaded.catalog else loaded
+            loaded = self._seen_from_here(loaded)
         except RorgError as error:
             loaded = Loaded(None, (Diagnostic(Where(str(self.root)), str(error)),))
         return stamps[-1], loaded
+
+    def _seen_from_here(self, loaded: Loaded) -> Loaded:
+        here = machine_for(loaded.catalog.machines, self.machine, self.host) if loaded.catalog else ""
+        if isinstance(here, Diagnostic):
+            return replace(loaded, catalog=None, diagnostics=(here,))
+        self.here = here if loaded.catalog else self.here
+        return replace(loaded, catalog=seen_from(self.adapt(loaded.catalog), here)) if loaded.catalog else loaded
 
     def _take(self, loaded: Loaded) -> None:
         self.masker.learn(loaded.read)

@@ -13,6 +13,7 @@ from rorg.daemon.git_source import GitSource
 from rorg.daemon.image_manager import ImageManager
 from rorg.daemon.leases import Leases
 from rorg.daemon.loop import Loop, Thread
+from rorg.daemon.machines import Machines
 from rorg.daemon.notifier import Notifier
 from rorg.daemon.publisher import Publisher
 from rorg.daemon.recorder import Recorder
@@ -27,7 +28,7 @@ from rorg.engines.protocol import Engine, Images
 from rorg.history.maintenance import Maintenance
 from rorg.history.retention import Retention
 from rorg.history.usage import UsageTable
-from rorg.host.clock import wall_clock
+from rorg.host.clock import boot_id, wall_clock
 from rorg.host.devices import DeviceWatch
 from rorg.host.git_cache import Followed, GitCache
 from rorg.host.load import Meter, Sampler
@@ -38,9 +39,12 @@ from rorg.images.supply import Supplier
 from rorg.probes.prober import Prober
 from rorg.probes.ros2_exchange import Ros2Exchange
 from rorg.probes.runner import ProbeRunner
+from rorg.store import machine_file
 from rorg.store.state_dir import StateDir
 from rorg.store.wakeup import Wakeup
 
+MACHINE = "RORG_MACHINE"
+"""The variable that names this machine; `rorg run --machine` sets it."""
 JOBS = 2
 """Images that are built at the same time: the robot needs the CPU for other things."""
 
@@ -61,10 +65,19 @@ def make_loop(
 
 def make_tree(root: Path, state: StateDir, engine: str, robot: str = "", source: GitSource | None = None) -> Tree:
     """Return this robot's tree for the engine of this name, not read yet. `robot`: whose overlay is used, by default
-    the one named after this machine. `source`: follows a repository for it."""
+    the one named after this machine. `source`: follows a repository for it. Which of the robot's machines this is,
+    the environment says; by default it is the one that it was last, or the one with its host name."""
     references, host = references_for(engine, state.path), os.uname().nodename
+    machine = os.environ.get(MACHINE) or machine_file.read(state.path / machine_file.NAME).here
     return Tree(
-        root.resolve(), str(state.run), engine=engine, references=references, named=robot, host=host, source=source
+        root.resolve(),
+        str(state.run),
+        engine=engine,
+        references=references,
+        named=robot,
+        host=host,
+        source=source,
+        machine=machine,
     )
 
 
@@ -75,8 +88,7 @@ def make_source(state: StateDir, followed: Followed, poll: float) -> GitSource:
 
 def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], None], notifies: bool = False) -> Loop:
     """The same over a tree that may have been read already. `notifies`: see _notifier()."""
-    owner, clock = state.instance(), time.monotonic
-    wakes = tree.source.wakes if tree.source else Wakes()
+    owner, clock, wakes = state.instance(), time.monotonic, tree.source.wakes if tree.source else Wakes()
     recorder = Recorder(state, say, wall_clock, tree.masker)
     about, stopping = {"pid": os.getpid(), "engine_name": engine.name, "instance": owner}, threading.Event()
     observer = Observer(engine, wakes.wake_soon, lambda: tree.desired.catalog.policy.resync, clock, wakes.wake)
@@ -107,6 +119,7 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
         publisher=Publisher(state, clock, lambda: {**about, "notify": notifier.view()}, recorder.tell, tree.masker),
         images=images,
         devices=devices,
+        machines=Machines(state.path, clock, wakes.wake, recorder.event, boot_id()),
         # By the time of day, so that numbers grow over a restart of rorg.
         generations=Generations(int(time.time() * 1000)),
         wakes=wakes,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from pathlib import Path
 
 from rorg.model.units import stamp
 
@@ -18,6 +19,14 @@ def booted_at() -> str:
     with open("/proc/stat", encoding="ascii") as file:
         seconds = next(int(line.split()[1]) for line in file if line.startswith("btime "))
     return stamp(seconds)
+
+
+def boot_id() -> str:
+    """The id of this boot of the kernel; "" where it has none."""
+    try:
+        return Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii").strip()
+    except OSError:
+        return ""
 
 
 def process_start(pid: int) -> float:

@@ -15,6 +15,7 @@ from rorg.manifest.documents import Source, read_tree, unexpected
 from rorg.manifest.images import images_of
 from rorg.manifest.inputs import Inputs, inputs
 from rorg.manifest.joining import check_shared_memory, join, told_of_processes
+from rorg.manifest.machines import belonging, check_crossings, machines_of
 from rorg.manifest.profiles import Merged, built_in_profiles, merge_profiles
 from rorg.manifest.programs import check_programs, of_this_machine
 from rorg.manifest.references import (
@@ -161,11 +162,11 @@ def unusable(root: Path, errors: Sequence[Diagnostic]) -> Invalid:
 
 MOST_TOLD = 200
 """Maximum number of listed mistakes."""
-UNTOLD = ("where", "origins", "fingerprint", "joins", "domain")
+UNTOLD = ("where", "origins", "fingerprint", "joins", "domain", "away")
 """Fields that are not declared by the tree, or that follow from others."""
 LATER = (
     *("stand_ins", "cache_from", "inline", "networks", "volumes", "devices", "unplugged", "ros", "parts"),
-    *("purge_shm", "prewarm", "connected", "notify", "managed", "may_report_graph"),
+    *("purge_shm", "prewarm", "connected", "notify", "managed", "may_report_graph", "machine", "machines"),
 )
 """Fields that earlier versions did not have: a tree that does not use them keeps its fingerprint."""
 
@@ -228,6 +229,8 @@ def _catalog(
         if profile.partial or stem(source.spec.image or "") in broken:
             doubtful.add(name)
         services[name] = yield from _rendered(source, profile, policy, engine)
+    machines = yield from machines_of(by_kind.get("Machine", {}))
+    services = yield from belonging(services, sources, machines, broken)
     groups, requests = yield from _references(by_kind, services, broken)
     kept = {name: source for name, source in sources.items() if not source.partial}
     yield from (told_of_processes if of_this_machine(engine) else check_shared_memory)(services, kept)
@@ -238,7 +241,8 @@ def _catalog(
     services = {n: joined(s, networks, volumes) for n, s in services.items()}
     yield from misspelt(services, kept, networks, volumes)
     policies = policy_of(policy) if policy else Policy()
-    return Catalog(services, groups, {}, networks, volumes, requests, policies), doubtful
+    yield from check_crossings(services, kept)
+    return Catalog(services, groups, {}, networks, volumes, requests, policies, machines), doubtful
 
 
 def _references(

@@ -9,13 +9,15 @@ from pydantic import Field, model_validator
 from rorg.manifest.container import ContainerOptions
 from rorg.manifest.fields import Written, field
 from rorg.manifest.objects import NetworkSpec, VolumeSpec
-from rorg.manifest.option_forms import ImageName, Many, Name, Pairs, Strict, Words
+from rorg.manifest.option_forms import Duration, ImageName, Many, Name, Pairs, Strict, Words
 from rorg.manifest.policy import Idle, PolicySpec
 from rorg.manifest.probes import Live, Ready
 from rorg.manifest.service import Needs, Priority, Restart, ServiceSpec
+from rorg.model.machines import LONGEST_LEASE, PORT, SHORTEST_LEASE
 
 API_VERSION = "rorg/v1"
 PLATFORM = r"^[a-z0-9]+/[a-z0-9_]+(/[a-z0-9]+)?$"
+ADDRESS = r"^(\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9]([A-Za-z0-9.-]*[A-Za-z0-9])?)(:[0-9]{1,5})?$"
 
 
 class Metadata(Strict):
@@ -87,6 +89,23 @@ class ImageSpec(Strict):
         return self
 
 
+class MachineSpec(Strict):
+    """One computer of the robot. Each runs its own rorg, with `rorg run --machine NAME --listen ...`."""
+
+    address: Annotated[str, Field(pattern=ADDRESS), Written("HOST[:PORT]")] = field(
+        f"The address at which other machines reach its rorg (`--listen`); the port is {PORT} by default.",
+        "nora-base.local",
+        ...,
+    )
+    certificate: Annotated[str, Field(min_length=1, max_length=64)] | None = field(
+        "The common name of its TLS certificate.", "nora-base", unset="machine-NAME"
+    )
+    lease: Annotated[Duration, Field(ge=SHORTEST_LEASE, le=LONGEST_LEASE)] = field(
+        "How long requests of other machines count on this one after the link has failed: 10s to 30s.", "20s", 15.0
+    )
+    default: bool = field("Services that name no machine belong to this one.", True, False)
+
+
 class ProfileSpec(Strict):
     """Options that several services share. `${service}`, `${resources.cpu}` and `${resources.memory}` are filled in."""
 
@@ -122,7 +141,7 @@ class Manifest(Strict):
     """The envelope of every manifest."""
 
     apiVersion: Literal["rorg/v1"] = field("The version of this form of manifests.", "rorg/v1", ...)
-    kind: str = field("Service, Group, Image, Network, Volume, Profile, Policy or Request.", "Service", ...)
+    kind: str = field("Service, Group, Image, Network, Volume, Machine, Profile, Policy or Request.", "Service", ...)
     metadata: Metadata = field("Its name and labels.", {"name": "navigation"}, ...)
     spec: Any = field("What it declares, by its kind.", {"image": "fetch-navigation"}, ...)
 
@@ -139,6 +158,7 @@ SPECS: dict[str, type[Strict]] = {
     "Image": ImageSpec,
     "Network": NetworkSpec,
     "Volume": VolumeSpec,
+    "Machine": MachineSpec,
     "Profile": ProfileSpec,
     "Policy": PolicySpec,
     "Request": RequestSpec,
@@ -155,6 +175,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "Image": {"context": "../../images/navigation"},
     "Network": {"ipam": {"config": [{"subnet": "172.28.0.0/16"}]}},
     "Volume": {"name": "fetch_maps"},
+    "Machine": {"address": "nora-base.local"},
     "Profile": {"extends": ["ros1"], "idle": {"action": "pause", "linger": "20s"}},
     "Policy": {"budget": {"cpu": 3.2, "memory": "6Gi"}, "pressure": {"high": 1.0, "low": 0.85}},
     "Request": {"services": ["navigation"], "reason": "the robot guides visitors"},
@@ -166,6 +187,7 @@ FOLDERS = {
     "images": "Image",
     "networks": "Network",
     "volumes": "Volume",
+    "machines": "Machine",
     "profiles": "Profile",
     "policies": "Policy",
     "requests": "Request",

@@ -80,7 +80,7 @@ Restart = Literal["always", "on-failure", "never"]
 
 _OF_CONTAINERS = (
     *("image", "command", "profile", "idle", "update", "ready", "live", "interlock", "ros", "driver", "mounts"),
-    *("container", "restart", "inherit_environment"),
+    *("container", "restart", "inherit_environment", "machine"),
 )
 """Fields that a meta-service cannot have."""
 
@@ -89,6 +89,9 @@ class ServiceSpec(Strict):
     """A service: its program, what it needs, and when it may stop."""
 
     type: Literal["container", "meta"] = unchanging("meta: no container, always active.", "meta", "container")
+    machine: Name | None = unchanging(
+        "The Machine that it belongs to, if the robot has several computers.", "nora-base", unset="the default one"
+    )
     image: Annotated[str, Field(min_length=1), check.IMAGE] | None = recreate(
         "An Image of this tree, or any reference that the engine knows. Required, except for type: meta.",
         "fetch-navigation",

@@ -9,6 +9,7 @@ from typing import Any
 
 from rorg.model.devices import Device
 from rorg.model.diagnostics import Where
+from rorg.model.machines import Machine
 from rorg.model.objects import EngineObject
 from rorg.model.policy import Policy
 from rorg.model.ros import RosParameters
@@ -120,6 +121,9 @@ class Service:
 
     name: str
     meta: bool = False
+    machine: str = ""
+    """Its computer; "" if the robot has only one, and for a meta-service."""
+    away: str = ""  # the same if that is another computer; it has no spec then
     always_on: bool = False
     needs: tuple[str, ...] = ()
     """Names of services; groups are already replaced by their members."""
@@ -282,6 +286,7 @@ class Catalog:
     """By the name that services write."""
     requests: tuple[Request, ...] = ()
     policy: Policy = Policy()
+    machines: Mapping[str, Machine] = field(default_factory=dict)
     fingerprint: str = ""
     """Digest of the tree's content: equal digests declare the same."""
 

@@ -42,6 +42,7 @@ class ServiceView(TypedDict):
     crashes: int
     effective_priority: int
     held: str
+    machine: str
     lowered: bool
     ros_nodes: list[str]
     withheld: str
