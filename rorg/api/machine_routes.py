@@ -58,8 +58,8 @@ def add_machines(app: FastAPI, operations: Operations) -> None:
     async def report(
         name: MachineName, caller: Who, after: Annotated[int, Query(ge=-1)] = -1, incarnation: int = -1
     ) -> Response:
-        """How the services of this machine are, for another machine: immediately if there is a later report than `after`
-        of this `incarnation`; otherwise as soon as there is one, at the latest after 10 s."""
+        """How the services of this machine are, for another machine. The answer comes immediately if there is a later
+        report than `after` of this `incarnation`; otherwise as soon as there is one, and after 10 s at the latest."""
         allow_link(caller, name)
         machines = operations.machines
         deadline = asyncio.get_running_loop().time() + LONGEST_POLL
