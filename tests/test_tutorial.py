@@ -16,7 +16,7 @@ from conftest import ROOT
 
 from rorg.cli.init import files
 
-PAGE = ROOT / "docs/tutorial.md"
+PAGES = [ROOT / "docs/tutorial.md", ROOT / "docs/tutorial-machines.md"]
 ROS2_ROBOT = ROOT / "rorg/cli/ros2_robot"
 PREPARE = f"""set -e
 cp /wheels/*.whl .
@@ -35,6 +35,11 @@ echo '{pages.SAID}end'
 KNOWN = {
     "/var/lib/rorg/instance",
     "/var/lib/rorg/requests.yaml",
+    *(
+        f"/root/{machine}/{name}"
+        for machine in ("body", "head")
+        for name in ("instance", "machine.json", "requests.yaml")
+    ),
     "/root/.gitconfig",
     "/etc/hostname",
     "/etc/resolv.conf",
@@ -73,9 +78,10 @@ def test_the_wheel_holds_the_client_the_demo_and_the_first_robots(wheel):
     assert not [name for name in names if name.startswith(("tests/", "docs/"))]
 
 
-def test_the_tutorial_word_for_word(dockerd, rorg_image, wheel, tmp_path):
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_the_tutorial_word_for_word(dockerd, rorg_image, wheel, tmp_path, page):
     """In a container with Python and git, pasted as one block; at its end nothing is left but the robot's own tree."""
-    steps = pages.steps(PAGE)
+    steps = pages.steps(page)
     shutil.copy(wheel, tmp_path)
     (tmp_path / "script").write_text(PREPARE + pages.script(steps) + AT_THE_END)
     (tmp_path / "began").touch()
