@@ -99,7 +99,7 @@ def allow_link(caller: Caller, name: str) -> None:
 
 def views(operations: Operations) -> list[dict[str, Any]]:
     """The machines, this one first."""
-    machines, catalog, now = operations.machines, operations.catalog, operations.now
+    machines, catalog, now = operations.machines, operations.catalog, operations.machines.now()
     shown = []
     for name, machine in sorted(catalog.machines.items(), key=lambda item: (item[0] != machines.here, item[0])):
         link, lease = machines.links.get(name), machines.granted.get(name)

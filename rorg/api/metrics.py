@@ -77,6 +77,9 @@ def _of_rorg(operations: Operations) -> Iterable[Metric]:
         yield GaugeMetricFamily(f"rorg_{name}", text, float(value))
     measures = {m: pressure.in_force(m) for m in MEASURES}
     yield _gauges("rorg_pressure_measure", "Measures against pressure that are in force.", "measure", measures)
+    links = {name: link.live(operations.machines.now()) for name, link in operations.machines.links.items()}
+    if links:
+        yield _gauges("rorg_machine_up", "Whether the link to another machine of the robot is up.", "machine", links)
     kinds = operations.journal.counts()
     events = CounterMetricFamily("rorg_events", "Events since rorg began, as in `rorg events`.", labels=["kind"])
     for kind, count in sorted(kinds.items()):
@@ -87,7 +90,8 @@ def _of_rorg(operations: Operations) -> Iterable[Metric]:
 def _of_services(operations: Operations) -> Iterable[Metric]:
     from prometheus_client.core import CounterMetricFamily, StateSetMetricFamily
 
-    statuses = operations.statuses()
+    # Those of other machines are counted there.
+    statuses = {n: s for n, s in operations.statuses().items() if s.machine in ("", operations.machines.here)}
     health = StateSetMetricFamily("rorg_service_health", "The health that `rorg get` shows.", labels=["service"])
     crashes = CounterMetricFamily("rorg_service_crashes", "Unexpected ends since rorg began.", labels=["service"])
     for name, status in statuses.items():

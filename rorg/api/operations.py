@@ -78,11 +78,6 @@ class Operations:
         return self._loop.generations.reached(generation)
 
     @property
-    def now(self) -> float:
-        """The time by the clock of the loop."""
-        return self._loop.clock()
-
-    @property
     def catalog(self) -> Catalog:
         return self.decision.situation.desired.catalog
 

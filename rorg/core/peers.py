@@ -52,23 +52,31 @@ class Peers:
         """Return why nothing that relies on a service of another machine may be started; "" if it may."""
         if service.away in self.pending:
             return f"is on {service.away}, which is taking up a change"
-        return self.trouble(service.name)
+        return self.trouble(service)
 
-    def trouble(self, name: str) -> str:
+    def trouble(self, service: Service) -> str:
         """Return why a service of another machine is not ready, as far as known; "" if it is."""
-        remote = self.remotes.get(name)
+        remote = self.remotes.get(service.name)
         if remote is None:
-            return self.unknown.get(name, "is not declared")
+            return self.unknown.get(service.name, silence(service.away, None))
         return "" if remote.ready and remote.wanted else f"is not ready: {remote.reason or 'not wanted'}"
+
+    def shifted(self, seconds: float) -> Peers:
+        """Return the same by another clock, which is so many seconds ahead."""
+        said_at = {machine: at + seconds for machine, at in self.said_at.items()}
+        return replace(self, said_at=said_at, deadline=None if self.deadline is None else self.deadline + seconds)
 
     def changed(self, before: Peers) -> set[str]:
         """Return services of which something else is known than before."""
         if self is before:
             return set()
         names = {*self.remotes, *self.unknown, *before.remotes, *before.unknown}
-        changed = {n for n in names if self.trouble(n) != before.trouble(n)}
+        changed = {n for n in names if self._about(n) != before._about(n)}
         changed |= names if self.pending != before.pending else set()
         return changed | {n for n, _ in self.unowned.items() ^ before.unowned.items()}
+
+    def _about(self, name: str) -> tuple[Remote | None, str]:
+        return self.remotes.get(name), self.unknown.get(name, "")
 
 
 NOBODY = Peers()

@@ -163,7 +163,7 @@ class _Assessed:
     def away(self, service: Service, why: str, links: tuple[Link, ...]) -> Status:
         """Return the status of another machine's service, as that one told."""
         name, there = service.name, self.s.peers.remotes.get(service.name)
-        unready = self.s.peers.trouble(name)
+        unready = self.s.peers.trouble(service)
         known = "Unknown" if there is None else str(not unready)
         conditions = (
             Condition("Ready", known, "NoAnswer" if there is None else "Ready" if not unready else "NotReady", unready),

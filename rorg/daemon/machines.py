@@ -7,6 +7,7 @@ call everything else at any time.
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -27,7 +28,8 @@ from rorg.store.machine_file import NAME, Known
 
 
 class Machines:
-    """`wake` wakes the loop. Nothing happens, and nothing is written, for a robot of one machine."""
+    """`wake` wakes the loop, whose clock is `clock`. Leases are counted by `now`, which goes on while the computer is
+    suspended: the other machines go on, too. Nothing happens, and nothing is written, for a robot of one machine."""
 
     def __init__(
         self,
@@ -36,8 +38,10 @@ class Machines:
         wake: Callable[[], None],
         tell: Callable[[str, str], None],
         boot: str = "",
+        now: Callable[[], float] = lambda: time.clock_gettime(time.CLOCK_BOOTTIME),
     ) -> None:
         self.path, self.clock, self.wake, self.tell, self.boot = directory / NAME, clock, wake, tell, boot
+        self.now = now
         self.changed = threading.Condition()
         """Guards everything here; notified when something may have to be sent, or may be reported."""
         self.here = ""
@@ -94,18 +98,18 @@ class Machines:
             mine = [name for name, machine in belongs.items() if machine == here]
             unowned = {n: why for n in mine if (why := self.owned.waits(n, self.links, here))}
             unowned |= {n: f"{self.path} cannot be written" for n in self.owned.owned - self._known.owned.owned}
-            known = peers(catalog, here, self.links, self.granted, unowned, self.incarnation, self.clock())
+            known = peers(catalog, here, self.links, self.granted, unowned, self.incarnation, self.now())
             self._heard = dict(self.granted)
         if self._desired is None or self._desired[0] is not desired or self._desired[1] != known.silent:
             self._desired = desired, known.silent, heard(desired, known.silent)
-        return self._desired[2], known
+        return self._desired[2], known.shifted(self.clock() - self.now())
 
     def _begin(self, here: str) -> None:
         """Take up what the disk has, in the first pass of a robot of several machines."""
         self.here = here
         if self._begun:
             return
-        self._begun, now = True, self.clock()
+        self._begun, now = True, self.now()
         self.owned, self.incarnation = self._known.owned, self._known.incarnation + 1
         for name, renewal in self._known.leases.items():
             self.granted.setdefault(name, resumed(Granted(renewal, now), now))
@@ -121,7 +125,7 @@ class Machines:
         leases = {name: lease.renewal for name, lease in self.granted.items()}
         before = self._known
         same = before.leases.keys() == leases.keys() and all(
-            said.content == before.leases[n].content and said.incarnation == before.leases[n].incarnation
+            said.wants == before.leases[n].wants and said.incarnation == before.leases[n].incarnation
             for n, said in leases.items()
         )
         owned = Owned(self.owned.owned, self.owned.last)
@@ -203,7 +207,7 @@ class Machines:
         link, content = self.links.get(machine), self._content.get(machine)
         if link is None or content is None:
             return None
-        now = self.clock()
+        now = self.now()
         return 0.0 if link.due(now, content) else link.next_at - now
 
     def renewal(self, machine: str) -> Renewal:
@@ -223,7 +227,7 @@ class Machines:
             asking,  # type: ignore[arg-type]
             takes,  # type: ignore[arg-type]
         )
-        self.links[machine] = link.sent(renewal, self.clock())
+        self.links[machine] = link.sent(renewal, self.now())
         return renewal
 
     def receive(self, renewal: Renewal) -> Answer:
@@ -232,7 +236,7 @@ class Machines:
             if not self._begun:
                 return Answer(0, (0, 0))
             before = self.granted.get(renewal.machine)
-            lease = grant(before, renewal, self.clock())
+            lease = grant(before, renewal, self.now())
             if lease is not None:
                 self.granted[renewal.machine] = lease
                 if not self._write():
@@ -245,7 +249,7 @@ class Machines:
                 if before is None or before.renewal.changed != renewal.changed:
                     self._since.update({name: self.clock() for name, _ in renewal.asking})
                     self.wake()
-                elif before is not None and not before.live(self.clock()):
+                elif before is not None and not before.live(self.now()):
                     self.wake()
             newest = self.granted[renewal.machine].renewal
             belongs = self._belongs()
@@ -270,7 +274,7 @@ class Machines:
                 owned = ownership.answered(owned, machine, answer.newest[1], answer)
             if answer.newest[0] > self.incarnation:
                 self.tell("superseded", f"{machine} knows a later rorg of {self.here}; two computers have this name")
-            now = self.clock()
+            now = self.now()
             news = after.report is not link.report or after.live(now) != link.live(now) or owned != self.owned
             self.links[machine], self.owned = after, owned
         if news:

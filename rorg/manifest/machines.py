@@ -41,7 +41,9 @@ def machine_for(machines: Mapping[str, Machine], named: str, host: str) -> str |
     which = f"there is no machine '{named}'" if named else f"this computer, {host}, is none of the machines"
     remedy = nearest(named, machines) if named else ""
     where = next(iter(machines.values())).where
-    return Diagnostic(where, f"{which}: {', '.join(machines)}", remedy or "`rorg run --machine NAME`")
+    return Diagnostic(
+        where, f"{which}: {', '.join(machines)}", remedy or "`rorg run --machine NAME`, or RORG_MACHINE=NAME"
+    )
 
 
 def belonging(
