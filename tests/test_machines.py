@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import itertools
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 
@@ -62,14 +64,53 @@ def test_a_request_reaches_the_other_computer_and_its_release_too(team):
         ["base", "this"],
         ["jetson", "up"],
     ]
-    for line in ("logs camera", "exec camera -- true", "hold camera --for 1s", "restart camera"):
+    for line in ("exec camera -- true", "hold camera --for 1s", "restart camera"):
         done = base.rorg(*line.split())
         assert done.returncode in (4, 5), done.stderr
         assert "camera belongs to the machine jetson; try the same command on jetson" in done.stderr
+    done = base.rorg("logs", "camera")
+    assert "camera belongs to the machine jetson; try `--on jetson`" in done.stderr
     base.client.release("t1")
     wait_for(lambda: jetson.state("camera") != "running", 20, "the camera to stop")
     order = [e["service"] for e in jetson.events("state") if e["state"] not in ("ready", "running", "created")]
     assert order == ["localization", "camera"], "dependants first"
+
+
+def test_one_computer_shows_what_the_other_one_knows(team):
+    base, jetson = both(team)
+    base.ask("t1", "tour")
+    base.wait("tour")
+    for line in (
+        "get -o name",
+        "why camera",
+        "timeline camera",
+        "logs camera",
+        "events --tail 5",
+        "top --once",
+        "diff",
+    ):
+        done = base.rorg(*line.split(), "--on", "jetson")
+        assert done.returncode == 0, (line, done.stderr)
+    assert "camera" in base.rorg("timeline", "camera", "--on", "jetson", "-o", "json").stdout
+    follow = [sys.executable, "-m", "rorg", "events", "-f", "--on", "jetson"]
+    with subprocess.Popen(follow, env=base.environment, stdout=subprocess.PIPE, text=True) as following:
+        jetson.client.call(
+            "PUT", "/v1/holds", {"services": ["camera"], "duration": "10m", "reason": "dust", "force": True}
+        )
+        assert following.stdout is not None
+        assert any("dust" in line for line in following.stdout)
+        following.kill()
+    for line, told in (
+        ("hold camera --for 1s --on jetson", "from another machine, rorg only reads"),
+        ("get --on nosuch", "knows no other machine of that name"),
+    ):
+        done = base.rorg(*line.split())
+        assert done.returncode == 5, done.stderr
+        assert told in done.stderr
+    jetson.end()
+    done = base.rorg("get", "--on", "jetson")
+    assert done.returncode == 3, done.stderr
+    assert "cannot ask jetson" in done.stderr
 
 
 def test_a_lost_computer_is_told_before_its_lease_ends_and_nothing_is_stopped_by_the_link(team):

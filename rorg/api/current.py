@@ -66,10 +66,10 @@ class Current:
         return self.statuses[requester].incarnation
 
 
-def elsewhere(what: str, service: Service) -> Refused:
+def elsewhere(what: str, service: Service, remedy: str = "the same command on {machine}") -> Refused:
     """The error for what only a service's own machine can do."""
     why = f"{service.name} belongs to the machine {service.away}"
-    return Refused(f"reach {what}", why, f"the same command on {service.away}")
+    return Refused(f"reach {what}", why, remedy.format(machine=service.away))
 
 
 def missing(name: str, known: set[str]) -> Missing:

@@ -10,6 +10,7 @@ import contextlib
 import http.client
 import json
 import os
+import socket
 import ssl
 import threading
 import time
@@ -112,11 +113,12 @@ class Links:
             call()
             self.machines.trouble.pop(machine.name, None)
         except (OSError, http.client.HTTPException, ValidationError, ValueError) as error:
-            self.machines.trouble[machine.name] = _why(machine, error)
+            self.machines.trouble[machine.name] = explanation(machine, error)
             self.stopping.wait(AGAIN)
 
 
-def _why(machine: Machine, error: Exception) -> str:
+def explanation(machine: Machine, error: Exception) -> str:
+    """Why a call to a machine has failed."""
     if isinstance(error, ssl.SSLCertVerificationError):
         return f"{machine.address}: its certificate is not accepted: {error.verify_message}"
     if isinstance(error, ValidationError):
@@ -156,7 +158,7 @@ class Peer:
 
     def _ask(self, method: str, path: str, body: bytes | None) -> bytes:
         self._broken = True
-        connection = self._connected()
+        connection = self.connected()
         connection.request(method, path, body, {"content-type": "application/json"} if body else {})
         answer = connection.getresponse()
         content = answer.read(MOST_BODY + 1)
@@ -167,7 +169,8 @@ class Peer:
             raise Refusal(_problem(content, answer.status))
         return content
 
-    def _connected(self) -> http.client.HTTPSConnection:
+    def connected(self) -> http.client.HTTPSConnection:
+        """The connection, which is made if there is none. Raises OSError, also if another machine answers there."""
         if self._connection is None:
             host, _, port = self.machine.address.rpartition(":")
             made = http.client.HTTPSConnection(
@@ -184,6 +187,11 @@ class Peer:
         if self._connection is not None:
             self._connection.close()
             self._connection = None
+
+    def hang_up(self) -> None:
+        """Ends what another thread waits for."""
+        with contextlib.suppress(OSError, AttributeError):
+            self._connection.sock.shutdown(socket.SHUT_RDWR)  # type: ignore[union-attr]
 
 
 def common_name(certificate: Any) -> str:

@@ -115,7 +115,7 @@ def add_logs(app: FastAPI, operations: Operations) -> None:
         kept = [n for n in dict.fromkeys(services) if not operations.catalog.services[n].meta]
         for away in (operations.catalog.services[n] for n in kept):
             if away.away:
-                raise elsewhere(f"the logs of {away.name}", away)
+                raise elsewhere(f"the logs of {away.name}", away, "`--on {machine}`")
         asked = asked_for(kept, Selection(follow, tail, since, until, previous), after or ())
         check(operations.engine, asked)
         if not follow:

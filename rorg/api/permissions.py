@@ -15,8 +15,9 @@ from rorg.errors import Forbidden
 from rorg.model.catalog import DEVELOPER, EVERY, Catalog, Service
 
 BOTH, PEOPLE, MACHINES = ("developer", "service"), ("developer",), ("machine",)
+ALL, READERS = (*BOTH, *MACHINES), (*PEOPLE, *MACHINES)
 _TABLE = {
-    "read": (BOTH, "see how services are"),
+    "read": (ALL, "see how services are"),
     "request": (BOTH, "request services"),
     "restart": (BOTH, "restart services"),
     "suspend": (PEOPLE, "suspend rorg"),
@@ -26,11 +27,11 @@ _TABLE = {
     "link": (MACHINES, "speak for a machine"),
     "take": (PEOPLE, "take services over"),
     "down": (PEOPLE, "take the robot down"),
-    "plan": (PEOPLE, "see status and plan"),
-    "logs": (PEOPLE, "read logs"),
-    "events": (BOTH, "see events"),
+    "plan": (READERS, "see status and plan"),
+    "logs": (READERS, "read logs"),
+    "events": (ALL, "see events"),
     "report": (BOTH, "report the graph of ROS 2"),
-    "history": (PEOPLE, "see the history"),
+    "history": (READERS, "see the history"),
     **{operation.name: (PEOPLE, operation.words) for operation in changes.OPERATIONS.values()},
 }
 """Operation -> who may, and the words for "cannot X"."""
@@ -60,6 +61,8 @@ class Caller:
     """Common name of a TLS client certificate."""
     via: str = ""
     """The service that acts for this caller."""
+    at: str = ""
+    """The machine that is asked through this one."""
 
     @property
     def author(self) -> str:

@@ -24,6 +24,7 @@ from rorg.api import limits
 from rorg.api.app import make_app
 from rorg.api.connection import Connection, Who
 from rorg.api.cpu_share import Metered
+from rorg.api.forwarding import Forwarded
 from rorg.api.generations import NotBefore
 from rorg.api.limits import Accounts
 from rorg.api.listener import Listener
@@ -31,7 +32,7 @@ from rorg.api.operations import Operations
 from rorg.api.permissions import Caller, group_id, peer
 from rorg.api.read_routes import Quick
 from rorg.api.secret_filter import Hiding
-from rorg.api.sockets import BACKLOG, NAME, ServiceSockets, listen, make_directories
+from rorg.api.sockets import BACKLOG, NAME, MachineSockets, ServiceSockets, listen, make_directories
 from rorg.api.tls import Tls
 from rorg.daemon.loop import Loop
 from rorg.errors import Invalid
@@ -54,6 +55,7 @@ class Server:
         self._asyncio: asyncio.AbstractEventLoop | None = None
         self._event = asyncio.Event()
         self.services = ServiceSockets(directory, self.group, self._listen, operations.recorder)
+        self.machines = MachineSockets(directory, self.group, self._listen)
         self.accounts = Accounts(time.monotonic)
         self.listeners: set[Listener] = set()
         self.room = limits.MOST_CONNECTIONS
@@ -63,7 +65,7 @@ class Server:
         self.app = make_app(operations)
         quick = Hiding(Quick(self.app, operations), operations.tree.masker, lambda: operations.catalog)
         self.config = uvicorn.Config(
-            Metered(NotBefore(quick, operations), operations),
+            Forwarded(Metered(NotBefore(quick, operations), operations), operations, lambda: self.tcp and self.tcp[2]),
             http=Connection,
             loop="uvloop",
             log_config=None,
@@ -230,6 +232,8 @@ class Server:
             self._asyncio.call_soon_threadsafe(self._turn)
             if self.services.due(declared):
                 self._asyncio.call_soon_threadsafe(self.services.serve, declared)
+            if (machines := frozenset(self.operations.machines.links)) != self.machines.served.keys():
+                self._asyncio.call_soon_threadsafe(self.machines.serve, machines)
 
     def _turn(self) -> None:
         self._event.set()

@@ -8,10 +8,11 @@ import shutil
 import socket
 import time
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
 
 from rorg.api.connection import Who
-from rorg.api.permissions import Caller
+from rorg.api.permissions import Caller, peer
 from rorg.daemon.recorder import Recorder
 from rorg.store.files import make_directory
 
@@ -59,6 +60,26 @@ def listen(directory: Path, path: Path, mode: int = 0o660, group: int | None = N
     listener.setblocking(False)
     listener.listen(BACKLOG)
     return listener
+
+
+class MachineSockets:
+    """A socket for each other machine of the robot, for people; what is asked there goes to that machine."""
+
+    def __init__(self, directory: Path, group: int | None, listening: Serve) -> None:
+        self.directory, self.group, self.listening = directory / "machines", group, listening
+        self.served: dict[str, Callable[[], None]] = {}
+
+    def serve(self, names: frozenset[str]) -> None:
+        """Serves exactly these machines. A socket that cannot be made is tried again with the next change."""
+        for name in set(self.served) - names:
+            self.served.pop(name)()
+            (self.directory / f"{name}.sock").unlink(missing_ok=True)
+        for name in sorted(names - set(self.served)):
+            with contextlib.suppress(OSError):
+                make_directory(self.directory, 0o755)
+                listener = listen(self.directory, self.directory / f"{name}.sock", group=self.group)
+                asks = lambda connection, _, name=name: replace(peer(connection, self.group), at=name)  # noqa: E731
+                self.served[name] = self.listening(listener, asks, "")
 
 
 class ServiceSockets:

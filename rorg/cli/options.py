@@ -133,6 +133,13 @@ SOCKET = Option(
     completes=FILES,
 )
 """Every command with StateDirectory has it."""
+ON_MACHINE = Option(
+    "Ask this machine of the robot, through the running rorg here. For commands that read.",
+    names=("--on",),
+    show_default=False,
+    metavar="NAME",
+)
+"""The same."""
 StateDirectory = Annotated[Path | None, STATE_DIR]
 """For commands that call the running rorg: they also have `--socket`."""
 OwnStateDirectory = Annotated[Path | None, STATE_DIR._replace(help=STATE_DIR.help.replace("the robot", "this robot"))]

@@ -54,6 +54,20 @@ def find(state_dir: Path | None, own: bool = False) -> Place:
     return Place(remote.removeprefix("unix://"), state)
 
 
+def socket_of(machine: str, state_dir: Path | None) -> str:
+    """The socket through which the running rorg asks another machine. Raises Refused without one, and for a robot whose
+    rorg is on another machine."""
+    place = find(state_dir)
+    what = f"ask {machine}"
+    if place.elsewhere:
+        raise place.too_far(what)
+    folder = Path(place.remote).parent if place.remote else place.state.run
+    path = folder / "machines" / f"{machine}.sock"
+    if not os.path.exists(path):
+        raise Refused(what, "the running rorg knows no other machine of that name", "`rorg get machines`")
+    return str(path)
+
+
 def _left_by(path: str, state: StateDir) -> StateDir | None:
     """The state directory of the rorg that was killed and left this socket; None if one serves there, or its directory
     is unknown."""

@@ -10,7 +10,18 @@ from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hi
 
 from rorg.cli.context import ROBOT as ROBOT_VARIABLE
 from rorg.cli.context import Context
-from rorg.cli.options import DIRECTORY, MANIFESTS, ROBOT, SOCKET, STATE_DIR, Argument, ContextOptions, Option
+from rorg.cli.options import (
+    DIRECTORY,
+    MANIFESTS,
+    ON_MACHINE,
+    ROBOT,
+    SOCKET,
+    STATE_DIR,
+    Argument,
+    ContextOptions,
+    Option,
+)
+from rorg.cli.places import socket_of
 from rorg.errors import Invalid
 
 
@@ -56,12 +67,12 @@ def parameters(command: Callable[..., Any]) -> tuple[Parameter, ...]:
     if any(p.declared in (DIRECTORY, MANIFESTS) for p in parameters):
         parameters.append(_ROBOT)
     if any(p.declared is STATE_DIR for p in parameters):
-        parameters.append(_SOCKET)
+        parameters += [_SOCKET, _ON]
     return tuple(parameters)
 
 
 def call(command: Callable[..., Any], values: dict[str, Any]) -> None:
-    """Calls a command with its values, and its context made of theirs. `--socket` and `--robot` go into the
+    """Calls a command with its values, and its context made of theirs. `--socket`, `--on` and `--robot` go into the
     environment, for everything that looks for rorg or reads manifests, and for programs that the command starts. Raises
     Invalid if two places are given."""
     if robot := values.pop(_ROBOT.name, None):
@@ -70,6 +81,8 @@ def call(command: Callable[..., Any], values: dict[str, Any]) -> None:
         if values.get("state_dir"):
             raise Invalid("look in two places", "--socket and --state-dir each name one", "one of them")
         os.environ["RORG_SOCKET"] = str(socket)
+    if machine := values.pop(_ON.name, None):
+        os.environ["RORG_SOCKET"], values["state_dir"] = socket_of(machine, values.get("state_dir")), None
     for name, options in _contexts(get_type_hints(command, include_extras=True)).items():
         given = {option: values.pop(option) for option in options.hints}
         values[name] = Context(**given, local=options.local, own=options.own)
@@ -109,5 +122,6 @@ def _parameter(name: str, hint: Any, required: bool = False, default: Any = None
 
 
 _SOCKET = _parameter("socket", Annotated[Path | None, SOCKET])
+_ON = _parameter("on_machine", Annotated[str | None, ON_MACHINE])
 _ROBOT = _parameter("robot", Annotated[str | None, ROBOT])
 """Parameters that commands have without declaring them."""
