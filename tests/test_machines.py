@@ -209,6 +209,11 @@ def test_a_moved_service_waits_for_its_former_computer_or_a_person(tmp_path):
         base.ask("t2", "camera")
         base.wait("camera", timeout=20)
         assert any(e["service"] == "camera" for e in base.events("taken"))
+        # It was not true, and the computer comes back with old manifests.
+        jetson.tree = team.declare(TOUR, "old")
+        jetson.start()
+        wait_for(lambda: base.events("runs-twice"), 30, "the mistake to be told")
+        assert base.events("runs-twice")[-1]["service"] == "camera"
     finally:
         team.stop()
         for computer in team.computers.values():

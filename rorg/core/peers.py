@@ -43,6 +43,8 @@ class Peers:
     """Their other services -> why nothing is known."""
     unowned: Mapping[str, str] = field(default_factory=dict)
     """Services of this machine that it may not start yet, each with the reason."""
+    disputed: Mapping[str, str] = field(default_factory=dict)
+    """Services of this machine that another one has too, because it was overruled or has other manifests -> which."""
     said_at: Mapping[str, float] = field(default_factory=dict)
     """Machine -> when the renewal was sent whose content it has certainly taken into account."""
     deadline: float | None = None
@@ -105,6 +107,12 @@ def peers(
             remotes[name] = known[service.away].services[name]
         else:
             unknown[name] = f"is not in the manifests of {service.away}"
+    disputed = {
+        n: m
+        for m, report in known.items()
+        for n, remote in report.services.items()
+        if _is_of(catalog, n, here) and remote.state not in ("none", "unknown")
+    }
     ends = [granted[m].until for m in live] + [at for link in links.values() if (at := link.lost_at) is not None]
     return Peers(
         here,
@@ -115,6 +123,7 @@ def peers(
         frozenset(m for m in known if not links[m].heard(incarnation, links[m].wants_since)),
         unknown,
         unowned,
+        disputed,
         {m: links[m].said_at or 0.0 for m in known if links[m].heard(incarnation, links[m].since)},
         min((at for at in ends if at > now), default=None),
     )

@@ -69,6 +69,7 @@ class Reporter:
             if self.is_news(f"device {name}", why):
                 text = f"{name}: {why or 'all of its devices are there'}"
                 self.event("unplugged" if why else "plugged", text, service=name)
+        self._twice(decision)
         self._ros(decision)
         suspended = decision.situation.suspended
         self.when_new("suspended", bool(suspended), "suspended", suspended or "no longer suspended")
@@ -181,6 +182,15 @@ class Reporter:
         text = f"pressure: {told['reason']}" + (f"; in force: {what}" if what else "")
         text += "; nothing that rorg runs would help" * (told["helpless"] and not what)
         self.event("pressure", text if what or told["helpless"] else "pressure is over", **told)
+
+    def _twice(self, decision: Decision) -> None:
+        """Report services that run on another machine too, which only a person's `rorg take` makes possible."""
+        containers = decision.situation.observed.by_service()
+        for name, machine in decision.situation.peers.disputed.items():
+            here = any(c.alive for c in containers.get(name, ()))
+            if self.is_news(f"twice {name}", here and machine) and here:
+                text = f"{name} runs here and on {machine}, whose manifests give it to {machine}; bring them up to date"
+                self.event("runs-twice", text, service=name, machine=machine)
 
     def _ros(self, decision: Decision) -> None:
         """Report what the ROS 1 graph shows. Only passes over all services bring another graph."""
