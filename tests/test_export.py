@@ -30,7 +30,7 @@ DERIVED = {"directory", "where", "bases", "reference"}
 """Fields that follow from others."""
 ELSEWHERE = {
     *("name", "spec", "needs", "joins", "restarts_with", "restart", "secrets", "description"),
-    *("meta", "cpu", "memory", "driver", "unplugged", "defaults", "origins", "where", "domain"),
+    *("meta", "cpu", "memory", "driver", "unplugged", "defaults", "origins", "where", "domain", "away"),
 }
 """Fields of a Service that the file contains, or that another field's row covers."""
 

@@ -68,6 +68,7 @@ SERVICE: tuple[tuple[str, Say], ...] = (
     ("may_request", lambda s: _names(s.may_request)),
     ("may_restart", lambda s: _names(s.may_restart)),
     ("may_act_for", lambda s: _names(s.may_act_for)),
+    ("machine", lambda s: f"it runs on {s.machine}: Compose has one machine" if s.machine else ""),
     ("may_report_graph", lambda s: "Compose has no rorg" if s.may_report_graph else ""),
     ("may_manage", lambda s: _names(s.may_manage)),
     ("idle", _idle),
