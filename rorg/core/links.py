@@ -65,12 +65,12 @@ class Renewal:
 
     @property
     def content(self) -> tuple[object, ...]:
-        """What it says, whenever it says it."""
+        """Everything that it says, apart from its number."""
         return self.requests, self.excluded, self.asking, self.takes
 
     @property
     def wants(self) -> tuple[object, ...]:
-        """What decides which services must be active."""
+        """The part that decides which services must be active."""
         return self.requests, self.excluded
 
 
@@ -163,7 +163,7 @@ class Link:
     confirmed_at: float | None = None
     """When the newest answered renewal was sent."""
     content: tuple[object, ...] = ()
-    """What the last renewal said."""
+    """The content of the last renewal."""
     since: int = 0
     """Number of the first renewal that said it."""
     said_at: float | None = None

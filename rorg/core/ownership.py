@@ -5,7 +5,7 @@ enough: a machine takes a service over only when every other one has confirmed t
 that its own manifests give it to another machine. Until then the service waits, and a person may confirm instead.
 
 Two machines never own the same service. Each confirmation answers a question that was asked while the asker's manifests
-already gave it the service; and whoever confirms has first given the service up, on disk.
+already gave it the service; and a machine that confirms has first given the service up, on disk.
 """
 
 from __future__ import annotations

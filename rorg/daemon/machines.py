@@ -55,9 +55,9 @@ class Machines:
         self.version = 0
         """Of the last report."""
         self.services: Mapping[str, Remote] = {}
-        """What it says."""
+        """Its content."""
         self._known = machine_file.read(self.path)
-        """What the disk has."""
+        """The content of the file."""
         self._begun = False
         self._present: Collection[str] = ()
         self._heard: Mapping[str, Granted] = {}
