@@ -220,6 +220,20 @@ def test_a_moved_service_waits_for_its_former_computer_or_a_person(tmp_path):
             computer.rorg("down", "--yes")
 
 
+def test_a_service_restarts_with_one_that_it_needs_on_another_computer(team):
+    """As ROS nodes must with the master."""
+    base, jetson = both(team)
+    need = {"service": "localization", "restart": True}
+    team.declare({**TOUR, "navigation": {**TOUR["navigation"], "needs": [need]}})
+    base.ask("t1", "tour")
+    base.wait("tour")
+    run = base.services()["navigation"]["incarnation"]
+    jetson.client.restart("localization", wait=20)
+    wait_for(lambda: base.services()["navigation"]["incarnation"] not in ("", run), 20, "navigation to restart")
+    base.wait("tour")
+    wait_for(lambda: base.client.plan()["actions"] == [], 20, "nothing more to do")
+
+
 def test_a_certificate_says_which_computer_may_speak(team):
     base, jetson = both(team)
 

@@ -55,7 +55,7 @@ Maintainer: rorg <rorg@localhost>
 Installed-Size: {kilobytes}
 Depends: python3 (>= 3.11~), python3 (<< 3.12~), git, libc6 (>= 2.28), libgcc-s1, libstdc++6,
  systemd | systemd-standalone-sysusers | systemd-sysusers
-Recommends: docker.io
+Recommends: docker.io, openssl
 Suggests: bash-completion
 Section: misc
 Priority: optional
