@@ -88,6 +88,11 @@ class Remote:
     reason: str = ""
     """Why it is not ready."""
 
+    @property
+    def alive(self) -> bool:
+        """Whether a run of it goes on."""
+        return bool(self.incarnation)
+
 
 @dataclass(frozen=True, slots=True)
 class Report:

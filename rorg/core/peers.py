@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from rorg.core.desired import Desired
-from rorg.core.links import Granted, Link, Remote
+from rorg.core.links import Granted, Link, Remote, Report
 from rorg.core.observed import Container
 from rorg.model.catalog import Catalog, Request, Service
 from rorg.model.objects import keys_of
@@ -96,6 +96,32 @@ def peers(
     """Return what is known at `now`. `incarnation` is that of the rorg on this machine."""
     live = {m: g.renewal for m, g in sorted(granted.items()) if g.live(now) and m in catalog.machines}
     known = {m: report for m, link in links.items() if (report := link.known(now)) is not None}
+    remotes, unknown = _elsewhere(catalog, links, known)
+    ends = [granted[m].until for m in live] + [at for link in links.values() if (at := link.lost_at) is not None]
+    return Peers(
+        here,
+        tuple(replace(r, id=f"{r.id}@{m}") for m, said in live.items() for r in said.requests if _of(catalog, r, m)),
+        {n: f"{why} (on {m})" for m, said in live.items() for n, why in said.excluded.items() if _is_of(catalog, n, m)},
+        frozenset(catalog.machines) - {here} - live.keys(),
+        remotes,
+        frozenset(m for m in known if not links[m].heard(incarnation, links[m].wants_since)),
+        unknown,
+        unowned,
+        {
+            n: m
+            for m, report in known.items()
+            for n, r in report.services.items()
+            if _is_of(catalog, n, here) and r.alive
+        },
+        {m: links[m].said_at or 0.0 for m in known if links[m].heard(incarnation, links[m].since)},
+        min((at for at in ends if at > now), default=None),
+    )
+
+
+def _elsewhere(
+    catalog: Catalog, links: Mapping[str, Link], known: Mapping[str, Report]
+) -> tuple[dict[str, Remote], dict[str, str]]:
+    """Return services of other machines, as far as known, and the others with the reason."""
     remotes: dict[str, Remote] = {}
     unknown: dict[str, str] = {}
     for name, service in catalog.services.items():
@@ -107,26 +133,7 @@ def peers(
             remotes[name] = known[service.away].services[name]
         else:
             unknown[name] = f"is not in the manifests of {service.away}"
-    disputed = {
-        n: m
-        for m, report in known.items()
-        for n, remote in report.services.items()
-        if _is_of(catalog, n, here) and remote.state not in ("none", "unknown")
-    }
-    ends = [granted[m].until for m in live] + [at for link in links.values() if (at := link.lost_at) is not None]
-    return Peers(
-        here,
-        tuple(replace(r, id=f"{r.id}@{m}") for m, said in live.items() for r in said.requests if _of(catalog, r, m)),
-        {n: f"{why} (on {m})" for m, said in live.items() for n, why in said.excluded.items() if _is_of(catalog, n, m)},
-        frozenset(catalog.machines) - {here} - live.keys(),
-        remotes,
-        frozenset(m for m in known if not links[m].heard(incarnation, links[m].wants_since)),
-        unknown,
-        unowned,
-        disputed,
-        {m: links[m].said_at or 0.0 for m in known if links[m].heard(incarnation, links[m].since)},
-        min((at for at in ends if at > now), default=None),
-    )
+    return remotes, unknown
 
 
 def _of(catalog: Catalog, request: Request, machine: str) -> bool:
