@@ -13,6 +13,7 @@ from robots import RealRobot, write_tree
 
 from rorg.history.database import reading
 from rorg.history.revisions import Revisions
+from rorg.host.watch import Watcher
 
 ANN = {
     "GIT_AUTHOR_NAME": "Ann",
@@ -92,6 +93,22 @@ def robot(request, running):
     if request.param == "alone":
         running.stop()
     return running
+
+
+def test_a_commit_that_overtook_the_reading_is_noted_without_another_event(running):
+    """The last event of the commit may come before the tree is read."""
+    loop, tree = running.loop, running.loop.tree
+    next(thread for thread in loop.threads if isinstance(thread, Watcher)).stop()
+    write_tree(running.tree, {"arm": says(3), "base": says(2)}, policies={"robot": {"updates": {"bake": "100ms"}}})
+    git(running, "add", "services")
+    loop.wakes.files_changed()
+    wait_for(lambda: tree.desired.catalog.services["arm"].spec["command"][-1].endswith("3; done"))
+    wait_for(lambda: any(r.commit == running.second and r.dirty for r in revisions(running)))
+    git(running, "commit", "--quiet", "--message", "three")
+    tree._commit = None  # as if git had been asked just now
+    loop.wake()
+    third = git(running, "rev-parse", "HEAD")
+    wait_for(lambda: any(r.commit == third for r in revisions(running)), 20, "the commit to be on record")
 
 
 def test_back_to_the_last_good_one(robot):

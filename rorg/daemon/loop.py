@@ -215,6 +215,8 @@ class Loop:
         self.learner.note(decision.memory.prediction.learned)
         if not document.down:  # a robot that is down says nothing about its manifests
             self.recorder.historian.note(decision, decision.memory, self.tree, self.epoch)
+            if self.tree.overtaken:
+                self.wakes.again()  # nothing is noted of it until it is read, and no event may follow
         self.tree.standing = self.recorder.historian.standing
         self.reporter.report(decision, self.tree, self.leases.file)
         self.publisher.publish(decision, self.tree, self.leases.file)
