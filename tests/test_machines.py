@@ -166,6 +166,21 @@ def test_a_restart_of_the_requester_keeps_what_it_asked_for(team):
     assert jetson.services()["localization"]["incarnation"] == run
 
 
+def test_a_computer_with_a_new_state_directory_is_heard_again(team):
+    """The others remember an rorg of it with a higher number, and refuse what is older."""
+    base, jetson = both(team)
+    for _ in range(3):
+        base.end()
+        base.start()
+    base.end()
+    (base.folder / "machine.json").unlink()
+    base.start()
+    base.ask("t1", "tour")
+    base.wait("tour", timeout=30)
+    assert jetson.state("localization") == "running"
+    assert any("jetson knows a later rorg of base" in e["message"] for e in base.events("superseded"))
+
+
 def test_a_service_moves_by_a_change_of_the_manifest_and_never_runs_twice(team):
     base, jetson = both(team)
     base.ask("t1", "tour")

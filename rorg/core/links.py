@@ -103,8 +103,6 @@ class Report:
     heard: Stamp
     """The newest renewal of the receiver that this takes into account."""
     services: Mapping[str, Remote] = field(default_factory=dict)
-    revision: str = ""
-    """The commit of its manifests."""
 
     @property
     def stamp(self) -> Stamp:

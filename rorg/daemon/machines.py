@@ -273,7 +273,9 @@ class Machines:
             if answer.newest[0] == self.incarnation:
                 owned = ownership.answered(owned, machine, answer.newest[1], answer)
             if answer.newest[0] > self.incarnation:
-                self.tell("superseded", f"{machine} knows a later rorg of {self.here}; two computers have this name")
+                known = f"{machine} knows a later rorg of {self.here}"
+                self.tell("superseded", f"{known}: its state directory was new, or two computers have this name")
+                self.incarnation = answer.newest[0] + 1
             now = self.now()
             news = after.report is not link.report or after.live(now) != link.live(now) or owned != self.owned
             self.links[machine], self.owned = after, owned
