@@ -268,8 +268,7 @@ class Machines:
             link = self.links.get(machine)
             if link is None:
                 return
-            after = link.answered(answer, self.incarnation)
-            owned = self.owned
+            after, owned = link.answered(answer, self.incarnation), self.owned
             if answer.newest[0] == self.incarnation:
                 owned = ownership.answered(owned, machine, answer.newest[1], answer)
             if answer.newest[0] > self.incarnation:
