@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 from rorg.model.catalog import Request
 
@@ -28,6 +29,15 @@ MOST_UNANSWERED = 64
 """Renewals under way that are remembered; an answer to an older one does not extend the lease."""
 Stamp = tuple[int, int]
 """(incarnation, number) of a renewal, or (incarnation, version) of a report."""
+
+
+class Content(NamedTuple):
+    """What a renewal says, apart from who sends it and when; the fields are those of Renewal."""
+
+    requests: tuple[Request, ...] = ()
+    excluded: Mapping[str, str] = {}
+    asking: tuple[tuple[str, float], ...] = ()
+    takes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,9 +74,8 @@ class Renewal:
         return self.incarnation, self.since
 
     @property
-    def content(self) -> tuple[object, ...]:
-        """Everything that it says, apart from its number."""
-        return self.requests, self.excluded, self.asking, self.takes
+    def content(self) -> Content:
+        return Content(self.requests, self.excluded, self.asking, self.takes)
 
     @property
     def wants(self) -> tuple[object, ...]:
@@ -165,7 +174,7 @@ class Link:
     """Number of a renewal -> when it was sent."""
     confirmed_at: float | None = None
     """When the newest answered renewal was sent."""
-    content: tuple[object, ...] = ()
+    content: Content = Content()
     """The content of the last renewal."""
     since: int = 0
     """Number of the first renewal that said it."""
@@ -200,11 +209,11 @@ class Link:
         """Whether the lease is certainly still in force there."""
         return self.lost_at is not None and now < self.lost_at
 
-    def due(self, now: float, content: tuple[object, ...]) -> bool:
+    def due(self, now: float, content: Content) -> bool:
         """Whether a renewal must be sent now."""
         return content != self.content or now >= self.next_at
 
-    def since_of(self, content: tuple[object, ...]) -> int:
+    def since_of(self, content: Content) -> int:
         """Return the number of the first renewal that says this, if the next one does."""
         return self.since if content == self.content and self.since else self.number + 1
 

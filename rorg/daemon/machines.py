@@ -15,7 +15,7 @@ from pathlib import Path
 from rorg.core import ownership
 from rorg.core.decide import Decision
 from rorg.core.desired import Desired
-from rorg.core.links import Answer, Granted, Link, Remote, Renewal, Report, grant, resumed
+from rorg.core.links import Answer, Content, Granted, Link, Remote, Renewal, Report, grant, resumed
 from rorg.core.observed import Observed
 from rorg.core.ownership import Owned
 from rorg.core.peers import NOBODY, Peers, heard, peers
@@ -64,7 +64,7 @@ class Machines:
         """The leases that the last decision includes."""
         self._told: Mapping[str, Granted] = {}
         """Those that the last report includes."""
-        self._content: dict[str, tuple[object, ...]] = {}
+        self._content: dict[str, Content] = {}
         """Machine -> what the next renewal says."""
         self._desired: tuple[Desired, frozenset[str], Desired] | None = None
         self._since: dict[str, float] = {}
@@ -154,7 +154,7 @@ class Machines:
                 there = tuple(
                     sorted((n, at) for n, at in asked.items() if n in services and services[n].away == machine)
                 )
-                self._content[machine] = requests, excluded, there, takes
+                self._content[machine] = Content(requests, excluded, there, takes)
             if reported != self.services or self._news():
                 self.services, self.version = reported, self.version + 1
                 self._told = self._heard
@@ -212,21 +212,9 @@ class Machines:
 
     def renewal(self, machine: str) -> Renewal:
         """Return the next renewal for a machine, which is sent now."""
-        link = self.links[machine]
-        content = self._content[machine]
-        requests, excluded, asking, takes = content
-        renewal = Renewal(
-            self.here,
-            self.boot,
-            self.incarnation,
-            link.number + 1,
-            link.since_of(content),
-            link.duration,
-            requests,  # type: ignore[arg-type]
-            excluded,  # type: ignore[arg-type]
-            asking,  # type: ignore[arg-type]
-            takes,  # type: ignore[arg-type]
-        )
+        link, content = self.links[machine], self._content[machine]
+        number, since = link.number + 1, link.since_of(content)
+        renewal = Renewal(self.here, self.boot, self.incarnation, number, since, link.duration, *content)
         self.links[machine] = link.sent(renewal, self.now())
         return renewal
 
