@@ -138,3 +138,13 @@ class Team:
         for computer in self.computers.values():
             computer.end(signal.SIGCONT)
             computer.end(signal.SIGTERM)
+
+    def down(self) -> None:
+        """Leaves nothing of the robot: each rorg takes its part down, and ends."""
+        for computer in self.computers.values():
+            computer.end(signal.SIGCONT)
+            if computer.process is not None and computer.process.poll() is None:
+                computer.client.call("PUT", "/v1/down", {})
+        for computer in self.computers.values():
+            if computer.process is not None and computer.process.wait(60) != 0:
+                computer.rorg("down", "--yes")

@@ -25,8 +25,7 @@ def robot(tmp_path_factory) -> Iterator[Computer]:
     made = team.computers["base"]
     made.rorg("certificate", "--person", "ada", "--into", str(team.folder / "certificates"))
     yield made
-    team.stop()
-    made.rorg("down", "--yes")
+    team.down()
 
 
 def status(robot: Computer, robots: dict[str, str], *words: str) -> subprocess.CompletedProcess[str]:

@@ -28,9 +28,7 @@ def team(tmp_path) -> Iterator[Team]:
     made = Team(tmp_path, TOUR)
     made.start()
     yield made
-    made.stop()
-    for computer in made.computers.values():
-        computer.rorg("down", "--yes")
+    made.down()
 
 
 def both(team: Team) -> tuple[Computer, Computer]:
@@ -230,9 +228,7 @@ def test_a_moved_service_waits_for_its_former_computer_or_a_person(tmp_path):
         wait_for(lambda: base.events("runs-twice"), 30, "the mistake to be told")
         assert base.events("runs-twice")[-1]["service"] == "camera"
     finally:
-        team.stop()
-        for computer in team.computers.values():
-            computer.rorg("down", "--yes")
+        team.down()
 
 
 def test_a_service_restarts_with_one_that_it_needs_on_another_computer(team):
@@ -240,6 +236,7 @@ def test_a_service_restarts_with_one_that_it_needs_on_another_computer(team):
     base, jetson = both(team)
     need = {"service": "localization", "restart": True}
     team.declare({**TOUR, "navigation": {**TOUR["navigation"], "needs": [need]}})
+    wait_for(lambda: len(base.events("tree-accepted")) > 1, 20, "the need to be in force")
     base.ask("t1", "tour")
     base.wait("tour")
     run = base.services()["navigation"]["incarnation"]
