@@ -13,7 +13,7 @@ from rorg.cli.output import note
 from rorg.cli.places import find
 from rorg.cli.terminal import hide
 from rorg.errors import Invalid
-from rorg.model.engines import DEFAULT_ENGINE, ENGINES
+from rorg.model.engines import DEFAULT_ENGINE, ENGINES, SWARM
 
 if TYPE_CHECKING:
     # Imported inside functions: what the running rorg answers needs none of them, and they take a quarter second.
@@ -50,9 +50,10 @@ class Context(Connection):
     def engine_name(self) -> str:
         """The engine that was asked for, or the one with the robot's containers, or the one of the last run."""
         if not self._engine_name:
-            from rorg.store.engine_record import read_engine
+            from rorg.model.machines import ANYWHERE, MACHINE
+            from rorg.store.engine_record import EngineRecord, read_engine
 
-            known = read_engine(self.state)
+            known = EngineRecord(SWARM) if os.environ.get(MACHINE) == ANYWHERE else read_engine(self.state)
             self._engine_name = known_engine(known.name if known else self.last_text("engine_name") or DEFAULT_ENGINE)
         return self._engine_name
 

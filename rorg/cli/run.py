@@ -99,8 +99,8 @@ def command(
 
     Example: rorg run manifests
     """
-    from rorg.daemon.wiring import MACHINE
     from rorg.host.heap import share_heap
+    from rorg.model.machines import MACHINE
 
     share_heap()
     if machine:

@@ -45,7 +45,8 @@ def _on_container(action: Action, situation: Situation) -> list[str]:
         if action.operation.states and state not in action.operation.states:
             violations.append(f"{action} of a container that is {state}")
     if not action.after and action.operation.begins:
-        others = [c for c in containers if c.active and c.id != action.container]
+        beside = not situation.engine.rolls
+        others = [c for c in containers if c.active and c.id != action.container and beside]
         violations += [f"{action} beside another active container of it" for _ in others]
     if situation.interlocks.get(name) and action.operation.felt:
         violations.append(f"{action} against its interlock")

@@ -12,8 +12,9 @@ from rorg.core.ros_graph import graph_of
 from rorg.core.situation import Situation
 from rorg.core.wanted import Link
 from rorg.model.catalog import Service
+from rorg.model.machines import ANYWHERE
 
-CAUTIONS = ("Pausable", "NodesUnique")
+CAUTIONS = ("Pausable", "NodesUnique", "RunsOnce")
 """Condition types that warn of a risk while nothing is wrong yet."""
 
 
@@ -24,7 +25,7 @@ class Condition:
     - Ready, Requested, Reconciling, Stalled: always present;
     - Updated, if a change failed (False: quarantined) or is on trial (Unknown: OnTrial until it has come up, then
       Baking);
-    - Pausable and NodesUnique, only if they are False.
+    - Pausable, NodesUnique and RunsOnce, only if they are False.
 
     `status` is True, False or Unknown.
     """
@@ -43,7 +44,20 @@ def requested(links: Sequence[Link]) -> Condition:
 
 def occasional(situation: Situation, service: Service) -> tuple[Condition, ...]:
     """Return the conditions that are present only if they have something to report."""
-    return (*_updated(situation, service.name), *_ros_conditions(situation, service))
+    return (*_updated(situation, service.name), *_ros_conditions(situation, service), *runs_once(situation, service))
+
+
+def runs_once(situation: Situation, service: Service) -> tuple[Condition, ...]:
+    """Return whether a service that may run anywhere can run twice, and where it runs as far as that is known."""
+    if service.machine != ANYWHERE or service.name not in situation.wanted:
+        return ()
+    current = situation.observed.current(service.name)
+    node = f"it runs on {current.node}; " if current and current.node and current.alive else ""
+    if node and current and current.state == "running" and current.error:
+        return (Condition("RunsOnce", "False", "NodeLost", f"{node}{current.error}"),)
+    return (
+        Condition("RunsOnce", "False", "Swarm", f"{node}while the network of the Swarm is split, it may run twice"),
+    )
 
 
 def _updated(situation: Situation, name: str) -> tuple[Condition, ...]:

@@ -95,6 +95,10 @@ class Container:
     """The signal that the engine stops it with, as declared or from its image; "" if not known."""
     image: str = ""
     """Id of its image; "" if there is none or it is not known."""
+    node: str = ""
+    """The node of the Swarm that runs it; "" for an engine of one machine."""
+    address: str = ""
+    """Where its ports are, if the engine is not on this machine; "" if that is not known."""
     networks: Mapping[str, str] = field(default_factory=dict)
     """Engine's name of each joined network -> the network's id, "" before the first start."""
 

@@ -70,7 +70,7 @@ class _Reconciled:
             self.notes += left_over(self.view, self.service, current[0])
         elif new_name != self.service.container_name and self.s.engine.rename:
             steps.append(Step(Rename(name=self.service.container_name), "it takes over the name"))
-        if swap.old and swap.old.alive:
+        if swap.old and swap.old.alive and not self.rolls_over():
             steps.append(stop(swap.old, "changed", self.service))
         steps += self.run(current and current[0], steps, self.desired.editions[name] if swap.old else "")
         if swap.under_way:
@@ -192,6 +192,10 @@ class _Reconciled:
             return []
         name = f"{self.service.container_name}.{old.digest.partition(':')[2][:8] or old.id[:8]}"
         return [Step(Rename(container=old.id, name=name), "changed")]
+
+    def rolls_over(self) -> bool:
+        """Return whether the start of the new container ends the old one's run."""
+        return self.s.engine.rolls and self.name in self.s.wanted
 
     def keeps(self, has_one: bool) -> bool:
         """Return whether it has a container while unwanted. A container removed at the end of idling is not created

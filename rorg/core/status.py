@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
-from rorg.core.conditions import CAUTIONS, Condition, occasional, requested, stalled
+from rorg.core.conditions import CAUTIONS, Condition, occasional, requested, runs_once, stalled
 from rorg.core.links import Remote
 from rorg.core.observed import Container
 from rorg.core.operations import Create, Rename
@@ -168,6 +168,7 @@ class _Assessed:
         conditions = (
             Condition("Ready", known, "NoAnswer" if there is None else "Ready" if not unready else "NotReady", unready),
             requested(links),
+            *runs_once(self.s, service),
         )
         there = there or Remote("unknown", False, False, "Unknown", "Unknown")
         return Status(
@@ -223,7 +224,7 @@ class _Assessed:
             return False, "Late" if late else "Probing", progress.probe
         if progress.error and progress.exits:
             return False, "Failed", progress.error
-        return False, current.state.capitalize(), waiting or progress.error
+        return False, current.state.capitalize(), waiting or progress.error or current.error
 
 
 def _with_container(status: Status, current: Container) -> Status:

@@ -241,7 +241,9 @@ class Loop:
             engine=self.engine.capabilities,
             removals=self.tree.removals,
             booted_at=self.booted_at,
-            limits=self.dispatch.allowing(self.tree.desired.catalog.policy.bulk_workers),
+            limits=self.dispatch.allowing(
+                self.tree.desired.catalog.policy.bulk_workers or self.engine.capabilities.bulk
+            ),
             holds=document.holds,
             suspended=document.suspended,
             wall=self.wall(),

@@ -269,7 +269,7 @@ class Tree:
         return stamps[-1], loaded
 
     def _seen_from_here(self, loaded: Loaded) -> Loaded:
-        here = machine_for(loaded.catalog.machines, self.machine, self.host) if loaded.catalog else ""
+        here = machine_for(loaded.catalog.machines, self.machine, self.host, self.engine) if loaded.catalog else ""
         if isinstance(here, Diagnostic):
             return replace(loaded, catalog=None, diagnostics=(here,))
         self.here = here if loaded.catalog else self.here

@@ -36,6 +36,7 @@ from rorg.host.watch import Watcher
 from rorg.images.records import NAME as RECORDS
 from rorg.images.references import references_for
 from rorg.images.supply import Supplier
+from rorg.model.machines import MACHINE
 from rorg.probes.prober import Prober
 from rorg.probes.ros2_exchange import Ros2Exchange
 from rorg.probes.runner import ProbeRunner
@@ -43,8 +44,6 @@ from rorg.store import machine_file
 from rorg.store.state_dir import StateDir
 from rorg.store.wakeup import Wakeup
 
-MACHINE = "RORG_MACHINE"
-"""The variable that names this machine; `rorg run --machine` sets it."""
 JOBS = 2
 """Images that are built at the same time: the robot needs the CPU for other things."""
 

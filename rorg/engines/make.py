@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rorg.engines.protocol import RealEngine
 from rorg.errors import Invalid, RorgError
-from rorg.model.engines import ENGINES
+from rorg.model.engines import ENGINES, SWARM
 from rorg.store.engine_record import EngineRecord, check_engine
 from rorg.store.state_dir import StateDir
 
@@ -19,6 +19,11 @@ def make_engine(name: str, state: StateDir) -> RealEngine:
         engine = DockerEngine(owner, state=str(state.path.resolve()))
         check_engine(state, EngineRecord(name, engine.address))
         return engine
+    if name == SWARM:
+        from rorg.engines.swarm.engine import SwarmEngine
+        from rorg.engines.swarm.managers import managers_named
+
+        return SwarmEngine(owner, managers_named(), state=str(state.path.resolve()))
     if name == "process":
         from rorg.engines.process.engine import ProcessEngine
 

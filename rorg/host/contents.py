@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 from rorg.model.catalog import Catalog, Spec
+from rorg.model.volumes import OF_TREE
 
 MOST_FILES = 5000
 MOST_BYTES = 64 << 20
@@ -66,7 +67,8 @@ def mounted(spec: Spec, base: str) -> list[str]:
     sources = []
     for volume in spec.get("volumes", ()):
         if isinstance(volume, Mapping):
-            source = volume.get("source", "") if volume.get("type") == "bind" and volume.get("read_only") else ""
+            of_host = volume.get("type") in ("bind", OF_TREE)
+            source = volume.get("source", "") if of_host and volume.get("read_only") else ""
         else:
             source, _, rest = volume.partition(":")
             source = source if "ro" in rest.partition(":")[2].split(",") else ""

@@ -6,10 +6,12 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
+from rorg.manifest.anywhere import anywhere, check_placement
 from rorg.manifest.documents import Source
 from rorg.model.catalog import Service
-from rorg.model.diagnostics import Diagnostic, Reading, nearest, unknown
-from rorg.model.machines import PORT, Machine
+from rorg.model.diagnostics import Diagnostic, Reading, Where, nearest, unknown
+from rorg.model.engines import SWARM
+from rorg.model.machines import ANYWHERE, PORT, Machine
 
 
 def machines_of(sources: Mapping[str, Source]) -> Reading[dict[str, Machine]]:
@@ -32,10 +34,14 @@ def machines_of(sources: Mapping[str, Source]) -> Reading[dict[str, Machine]]:
     return machines
 
 
-def machine_for(machines: Mapping[str, Machine], named: str, host: str) -> str | Diagnostic:
-    """The machine that this computer is: the one that is named, else the one with its host name (`host`, with or
-    without its domain); a Diagnostic if it is none of them."""
+def machine_for(machines: Mapping[str, Machine], named: str, host: str, engine: str = "") -> str | Diagnostic:
+    """The machine that this rorg is: the one that is named, else the one with its host name (`host`, with or without
+    its domain); a Diagnostic if it is none of them. The machine `any`, and no other, has a Swarm as its `engine`."""
     found = next((name for name in ((named,) if named else (host, host.partition(".")[0])) if name in machines), "")
+    if engine and (engine == SWARM) != (found == ANYWHERE):
+        where = machines[found].where if found else Where("")
+        remedy = f"`rorg run --machine {ANYWHERE} --engine {SWARM}` for it, and another engine for the others"
+        return Diagnostic(where, f"the engine of {found or 'this robot'} cannot be '{engine}'", remedy)
     if found or not machines:
         return found
     which = f"there is no machine '{named}'" if named else f"this computer, {host}, is none of the machines"
@@ -54,7 +60,11 @@ def belonging(
     result = dict(services)
     for name, source in sources.items():
         service, machine = services[name], source.spec.machine or default
-        if machine and machine not in machines and machine not in broken:
+        if machine == ANYWHERE and ANYWHERE not in {*machines, *broken}:
+            message = f"no Machine is called '{ANYWHERE}', whose rorg has the Swarm"
+            remedy = f"a Machine with `metadata: {{name: {ANYWHERE}}}` and the address of that rorg"
+            yield Diagnostic(source.where("spec", "machine"), message, remedy)
+        elif machine and machine not in machines and machine not in broken:
             yield unknown(source.where("spec", "machine"), "machine", machine, machines)
         elif machines and not machine and not service.meta and not broken & set(machines):
             message = f"'{name}' does not say on which machine it runs"
@@ -62,6 +72,9 @@ def belonging(
             yield Diagnostic(source.where("metadata", "name"), message, remedy)
         if not service.meta:
             result[name] = replace(service, machine=machine)
+            if machine == ANYWHERE and service.spec is not None:
+                result[name] = anywhere(result[name], source)
+            yield from check_placement(result[name], source)
     return result
 
 

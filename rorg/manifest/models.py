@@ -90,7 +90,8 @@ class ImageSpec(Strict):
 
 
 class MachineSpec(Strict):
-    """One computer of the robot. Each runs its own rorg, with `rorg run --machine NAME --listen ...`."""
+    """One computer of the robot. Each runs its own rorg, with `rorg run --machine NAME --listen ...`. The machine `any`
+    is a Docker Swarm: its rorg runs on any computer that reaches the Swarm's managers."""
 
     address: Annotated[str, Field(pattern=ADDRESS), Written("HOST[:PORT]")] = field(
         f"The address at which other machines reach its rorg (`--listen`); the port is {PORT} by default.",

@@ -48,6 +48,10 @@ def _on_change(value: object) -> object:
     return name
 
 
+CONSTRAINT = (
+    r"^(node\.(id|hostname|role|ip|platform\.(os|arch)|labels\.[\w.-]+)|engine\.labels\.[\w.-]+)"
+    r"\s*(==|!=)\s*[\w.:*/-]+$"
+)
 SECRET = r"^[A-Za-z_][A-Za-z0-9_.-]{0,254}$"
 VARIABLE = r"^[A-Za-z_*?][A-Za-z0-9_*?]*$"
 
@@ -90,7 +94,16 @@ class ServiceSpec(Strict):
 
     type: Literal["container", "meta"] = unchanging("meta: no container, always active.", "meta", "container")
     machine: Name | None = unchanging(
-        "The Machine that it belongs to, if the robot has several computers.", "nora-base", unset="the default one"
+        "The Machine that it belongs to, if the robot has several computers. any: any node of a Docker Swarm; while "
+        "its network is split, such a service may run twice.",
+        "nora-base",
+        unset="the default one",
+    )
+    placement: list[Annotated[str, Field(pattern=CONSTRAINT, max_length=200)]] = recreate(
+        "Nodes of the Swarm that may run it, for `machine: any`: each must hold, as in "
+        "`docker service create --constraint`.",
+        ["node.labels.gpu == yes"],
+        list,
     )
     image: Annotated[str, Field(min_length=1), check.IMAGE] | None = recreate(
         "An Image of this tree, or any reference that the engine knows. Required, except for type: meta.",
@@ -171,7 +184,8 @@ class ServiceSpec(Strict):
     )
     priority: Priority = unchanging("0 to 100. Under pressure the lowest give way first.", 80, 50)
     resources: Resources = unchanging(
-        "Expected use, for budgets and simulation. Limits are container options (cpus, mem_limit).",
+        "Expected use, for budgets and simulation; the Swarm reserves it for `machine: any`. Limits are container "
+        "options (cpus, mem_limit).",
         {"cpu": 0.6, "memory": "180Mi"},
         Resources,
     )

@@ -35,6 +35,10 @@ class Capabilities(NamedTuple):
     """It reports all changes immediately; without it, some or all are found by the next list."""
     stats: bool = True
     """It knows what containers use of CPU and memory."""
+    rolls: bool = False
+    """The start of a service's new container ends the previous one, as one rolling update."""
+    bulk: int | None = None
+    """How many calls for bulk work it takes at a time, if they do not load this machine."""
     options: frozenset[str] | None = None
     """Fields of a spec, devices among them, that have an effect or whose effect is there anyway; None for all."""
 
@@ -44,6 +48,8 @@ class Capabilities(NamedTuple):
 
 
 DEFAULT_ENGINE = "docker"
+SWARM = "swarm"
+"""The engine of services that may run anywhere."""
 ENGINES: Mapping[str, Capabilities] = {
     DEFAULT_ENGINE: Capabilities(),
     "process": Capabilities(
@@ -56,6 +62,26 @@ ENGINES: Mapping[str, Capabilities] = {
             (
                 *("image", "command", "entrypoint", "environment", "inherit_environment", "working_dir", "labels"),
                 *("stop_signal", "stop_grace_period", "container_name", "init", "network_mode", "logging"),
+            )
+        ),
+    ),
+    SWARM: Capabilities(
+        images=False,
+        pause=False,
+        rename=False,
+        update=False,
+        exec=False,
+        events=False,
+        stats=False,
+        rolls=True,
+        bulk=16,
+        options=frozenset(
+            (
+                *("image", "command", "entrypoint", "environment", "working_dir", "labels", "user", "group_add"),
+                *("hostname", "extra_hosts", "dns", "dns_opt", "dns_search", "network_mode", "networks", "ports"),
+                *("cap_add", "cap_drop", "sysctls", "ulimits", "init", "read_only", "isolation", "tty", "stdin_open"),
+                *("cpus", "mem_limit", "pids_limit", "shm_size", "tmpfs", "volumes", "healthcheck", "logging"),
+                *("stop_signal", "stop_grace_period", "container_name", "restart", "placement", "reserve"),
             )
         ),
     ),

@@ -10,6 +10,10 @@ SHORTEST_LEASE, LONGEST_LEASE = 10.0, 30.0
 """Seconds. A shorter lease would end in a machine that is busy for a moment; a longer one would keep unused programs
 running."""
 PORT = 7878
+MACHINE = "RORG_MACHINE"
+"""The variable that names the machine; `rorg run --machine` sets it."""
+ANYWHERE = "any"
+"""The machine of services that may run on any node of a Docker Swarm. Its rorg has the Swarm as its engine."""
 
 
 @dataclass(frozen=True, slots=True)

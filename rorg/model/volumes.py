@@ -63,6 +63,10 @@ def same_path(path: str) -> str:
     return "/" + "/".join(part for part in path.split("/") if part not in ("", "."))
 
 
+OF_TREE = "tree"
+"""The type of a mount that the manifests of a service for any machine declare: its files travel with the service."""
+
+
 class Mount(NamedTuple):
     """A mounted volume, read from its short or its long form."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ipaddress
 import os
 import time
+from dataclasses import replace
 from urllib.parse import urlsplit
 
 from rorg.host.bounded_http import answer, connect
@@ -68,3 +69,12 @@ def asks_this_machine(probe: Probe) -> bool:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
         return host in ("", "localhost") or host.endswith(".localhost")
+
+
+def at(probe: Probe, host: str) -> Probe:
+    """Return a tcp or http probe of the same port on another host."""
+    shown = f"[{host}]" if ":" in host else host
+    if probe.kind == "tcp":
+        return replace(probe, target=f"{shown}:{str(probe.target).rpartition(':')[2]}")
+    url = urlsplit(str(probe.target))
+    return replace(probe, target=url._replace(netloc=f"{shown}:{url.port}" if url.port else shown).geturl())

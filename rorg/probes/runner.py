@@ -18,7 +18,7 @@ from rorg.model.engines import Capabilities
 from rorg.model.ros import domain_of
 from rorg.model.units import parse_time
 from rorg.probes.answer import YES, Answer, cannot_ask, no
-from rorg.probes.ask import ask_file, ask_host, asks_this_machine
+from rorg.probes.ask import ask_file, ask_host, asks_this_machine, at
 from rorg.probes.ros2_exchange import Ros2Exchange
 from rorg.probes.ros_parameters import ensure
 
@@ -88,7 +88,9 @@ class ProbeRunner:
             case "file":
                 return self._file(key[1], probe, container)
         if not self.engine.local and asks_this_machine(probe):
-            return cannot_ask(f"{ELSEWHERE}, and {probe} names no host")
+            if not container.address or probe.kind not in ("tcp", "http"):
+                return cannot_ask(f"{ELSEWHERE}, and {probe} names no host")
+            return ask_host(at(probe, container.address))
         return ask_host(probe)
 
     def _ros2(self, domain: int, probe: Probe, container: Container) -> Answer:

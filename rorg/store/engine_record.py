@@ -16,8 +16,8 @@ UNIX = "unix://"
 
 
 class EngineRecord(NamedTuple):
-    """An engine. `address` has the form of DOCKER_HOST; it is empty for an engine that is built in, or if no record
-    says where the engine is."""
+    """An engine. `address` has the form of DOCKER_HOST, or of several with commas (the managers of a Swarm); it is
+    empty for an engine that is built in, or if no record says where the engine is."""
 
     name: str
     address: str = ""
@@ -27,8 +27,8 @@ class EngineRecord(NamedTuple):
 
     def same(self, other: EngineRecord) -> bool:
         """Whether both may be one engine."""
-        addresses = {_real(one.address) for one in (self, other) if one.address}
-        return self.name == other.name and len(addresses) < 2
+        mine, theirs = ({_real(a) for a in one.address.split(",") if a} for one in (self, other))
+        return self.name == other.name and (not mine or not theirs or not mine.isdisjoint(theirs))
 
 
 def read_engine(state: StateDir) -> EngineRecord | None:

@@ -40,7 +40,7 @@ KINDS = (
     ("missing_image", r"no such image", "`rorg build`"),
     (
         "name_taken",
-        r"is already in use by container|name .* already in use",
+        r"is already in use by container|name .* already in use|name conflicts with an existing object",
         "another container_name, or remove that container, which is not rorg's",
     ),
     (
@@ -51,7 +51,8 @@ KINDS = (
     ("forbidden", r"operation not permitted|permission denied", "an engine that may do this, or leave the option out"),
     ("forbidden", r"could not select device driver", "an engine with that runtime, or leave gpus out"),
     ("unsupported", r"freezer not supported|cannot toggle freezer|cannot be paused", "idle: {action: stop}"),
-    ("gone", r"no such container|no container with name or ID", ""),
+    ("gone", r"no such container|no container with name or ID|service \S+ not found", ""),
+    ("conflict", r"update out of sequence", ""),
     ("conflict", r"is paused|not running|already (started|paused)|is not paused|container state improper", ""),
     ("unsupported", r"client version .* is too old", "a newer rorg: this engine has only newer forms of its API"),
     # Podman looked at a process that ended meanwhile.

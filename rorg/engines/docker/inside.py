@@ -36,11 +36,11 @@ class Inside:
     ) -> Iterator[LogLine]:
         """The engine gives whole lines, and long ones in pieces."""
         with docker_errors(f"read the logs of {container[:12]}"):
-            yield from log.lines(self.client, container, tail, since)
+            yield from log.lines(self.client, f"/containers/{container}", tail, since)
 
     def log_follow(self, container: str, place: str, reading: Reading) -> Iterator[LogLine]:
         with docker_errors(f"read the logs of {container[:12]}"):
-            yield from log.follow(self.client, container, place, reading)
+            yield from log.follow(self.client, f"/containers/{container}", place, reading)
 
     def log_since(self, container: str, place: str) -> Iterator[tuple[bytes, str]]:
         """The place is the engine's time of the last line, so that line comes again."""
@@ -48,7 +48,7 @@ class Inside:
             inspection = self.inspect(container)
             place = str(began(inspection)) if inspection else "0"
         with docker_errors(f"read the logs of {container[:12]}"):
-            yield from log.since(self.client, container, place)
+            yield from log.since(self.client, f"/containers/{container}", place)
 
     def exec(
         self, container: str, command: Sequence[str], timeout: float, stop: threading.Event | None = None

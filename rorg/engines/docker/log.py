@@ -1,4 +1,5 @@
-"""Reads the output of a container, no faster than it is consumed."""
+"""Reads the output of a container, no faster than it is consumed. `path` is what has it: /containers/ID, or
+/services/ID for all tasks of a Swarm service."""
 
 from __future__ import annotations
 
@@ -20,10 +21,10 @@ WAIT = 10.0
 """Seconds until the engine has found the next piece. It searches everything that it keeps."""
 
 
-def since(client: Client, container: str, place: str) -> Iterator[tuple[bytes, str]]:
+def since(client: Client, path: str, place: str) -> Iterator[tuple[bytes, str]]:
     """Lines from a time on (seconds since the epoch), in pieces, each with the time of its last line."""
-    chunks = _chunks(client, container, WAIT, timestamps=True, since=place)
-    messages = _lines(chunks) if _terminal(client, container) else _framed(chunks)
+    chunks = _chunks(client, path, WAIT, timestamps=True, since=place)
+    messages = _lines(chunks) if _terminal(client, path) else _framed(chunks)
     piece, stamp = bytearray(), b""
     for message in messages:
         stamp, _, text = message.partition(b" ")
@@ -34,25 +35,25 @@ def since(client: Client, container: str, place: str) -> Iterator[tuple[bytes, s
     yield bytes(piece), str(epoch_seconds(stamp.decode())) if stamp else place
 
 
-def lines(client: Client, container: str, tail: int | None, since: float | None) -> Iterator[LogLine]:
+def lines(client: Client, path: str, tail: int | None, since: float | None) -> Iterator[LogLine]:
     """The last `tail` lines since a time. If there are none, the last line of all says where the log ends."""
     place = ""
     asked: dict[str, Any] = {"since": since, "tail": "all" if tail is None else max(tail, 1)}
-    for line in _stamped(client, container, WAIT, None, "", **asked):
+    for line in _stamped(client, path, WAIT, None, "", **asked):
         place = line.place
         if tail != 0:
             yield line
     if not place and since is not None:
-        place = next((line.place for line in _stamped(client, container, WAIT, None, "", tail=1)), "")
+        place = next((line.place for line in _stamped(client, path, WAIT, None, "", tail=1)), "")
     yield LogLine("", b"", place)
 
 
-def follow(client: Client, container: str, place: str, reading: Reading) -> Iterator[LogLine]:
+def follow(client: Client, path: str, place: str, reading: Reading) -> Iterator[LogLine]:
     """New lines after a place, until the container ends or the reading does."""
     time = place.partition("/")[0]
     seconds = f"{epoch_seconds(f'{time[:19]}Z'):.0f}.{time[20:29]}" if time else None
     try:
-        yield from _stamped(client, container, None, reading, place, follow=True, since=seconds)
+        yield from _stamped(client, path, None, reading, place, follow=True, since=seconds)
     except (OSError, HTTPException, ValueError):
         if not reading.is_set():
             raise
@@ -69,13 +70,13 @@ def _uniform(stamp: str) -> str:
 
 
 def _stamped(
-    client: Client, container: str, wait: float | None, reading: Reading | None, after: str, **asked: Any
+    client: Client, path: str, wait: float | None, reading: Reading | None, after: str, **asked: Any
 ) -> Iterator[LogLine]:
     """Lines after a place, which is TIME/COUNT: the caller has that many lines of that time."""
     known, _, count = after.partition("/")
     last, same = "", 0
-    chunks = _chunks(client, container, wait, reading, timestamps=True, **asked)
-    for message in _lines(chunks) if _terminal(client, container) else _framed(chunks):
+    chunks = _chunks(client, path, wait, reading, timestamps=True, **asked)
+    for message in _lines(chunks) if _terminal(client, path) else _framed(chunks):
         stamp, _, text = message.partition(b" ")
         time = _uniform(stamp.decode("ascii", errors="replace"))
         last, same = time, same + 1 if time == last else 1
@@ -84,19 +85,20 @@ def _stamped(
 
 
 def _chunks(
-    client: Client, container: str, wait: float | None, reading: Reading | None = None, **asked: Any
+    client: Client, path: str, wait: float | None, reading: Reading | None = None, **asked: Any
 ) -> Iterator[bytes]:
-    path = f"/containers/{container}/logs"
     with (
-        client.stream("GET", path, None, wait, stdout=True, stderr=True, **asked) as stream,
+        client.stream("GET", f"{path}/logs", None, wait, stdout=True, stderr=True, **asked) as stream,
         reading.closing(stream.close) if reading else nullcontext(),
     ):
         yield from iter(stream.read, b"")
 
 
-def _terminal(client: Client, container: str) -> bool:
+def _terminal(client: Client, path: str) -> bool:
     """Whether it has a terminal: then its output comes without frames."""
-    return bool(client.get(f"/containers/{container}/json")["Config"]["Tty"])
+    if path.startswith("/services/"):
+        return bool(client.get(path)["Spec"]["TaskTemplate"]["ContainerSpec"].get("TTY"))
+    return bool(client.get(f"{path}/json")["Config"]["Tty"])
 
 
 def _framed(chunks: Iterator[bytes]) -> Iterator[bytes]:

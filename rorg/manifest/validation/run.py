@@ -8,6 +8,7 @@ from dataclasses import replace
 
 from rorg.manifest.documents import Source, unexpected
 from rorg.manifest.validation import (
+    anywhere,
     commands,
     devices,
     displays,
@@ -30,7 +31,7 @@ from rorg.model.diagnostics import Diagnostic, Where, nearest
 
 FAMILIES = (
     *(networks, stopping, idle, ros1, ros2, devices, displays, mounts, workspaces, limits, programs, commands),
-    variables,
+    *(variables, anywhere),
 )
 CHECKS: tuple[Check, ...] = tuple(check for family in FAMILIES for check in family.CHECKS)
 

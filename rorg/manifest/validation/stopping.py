@@ -13,6 +13,7 @@ from rorg.manifest.validation.robot import Finding, Robot, each
 from rorg.manifest.validation.subject import Subject
 from rorg.manifest.validation.texts import text_of_dockerfile
 from rorg.model.image_names import declared
+from rorg.model.machines import ANYWHERE
 
 ENGINE_RESTARTS = ("always", "unless-stopped", "on-failure")
 CLEAN = re.compile(r"\.(py|sh|bash)$")
@@ -26,6 +27,8 @@ SHORT = 1.0
 
 
 def _restarts(subject: Subject) -> Iterator[Finding]:
+    if subject.service.machine == ANYWHERE:
+        return  # the Swarm restarts its tasks by it
     policy = str(subject.options.get("restart") or "no")
     if policy.partition(":")[0] in ENGINE_RESTARTS:
         message = f"restart: {policy} lets the engine start what rorg has stopped, when the engine itself starts"

@@ -150,6 +150,19 @@ unconfined: The container can exploit kernel bugs that the profile blocks.
   try to drop it
 requests-itself: A request counts only while something else wants its requester.
   try a request of developer, or always_on: true
+# Any machine
+not-on-swarm (error): Docker Swarm cannot do it, and would leave it out without a word.
+  try machine: NAME, or drop it
+exclusive-anywhere (error): While its network is split, a Swarm may run a service twice.
+  try machine: NAME
+volume-of-one-node (error): On another node the service would find an empty volume of the same name.
+  try machine: NAME, or a path of a file system that all nodes share
+tree-of-one-node (error): Only files in `mounts` travel with a service.
+  try mounts: [./dir:/path/in/container]
+path-of-node: Where it is missing, the Swarm rejects the task and tries again without end.
+  try mounts, for configuration; else placement, for the nodes that have it
+image-of-one-node (error): The other nodes have no such image, and the Swarm builds none.
+  try the name of an image in a registry, or machine: NAME
 # The machine
 device-of-other-group (machine): The device exists, but the program may not open it.
   try its group, by number

@@ -1,0 +1,1 @@
+"""Docker Swarm as an engine: services that may run on any of its nodes."""
