@@ -6,20 +6,18 @@ import base64
 import builtins
 import json
 import os
-import threading
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from typing import Any, TypeVar
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from typing import Any
 
 from rorg.core.observed import LABEL_SERVICE, LABEL_STATE, Container, FoundObjects
 from rorg.engines.docker.body import Body
-from rorg.engines.docker.client import Client
 from rorg.engines.docker.create import other_rorg
-from rorg.engines.docker.errors import docker_errors
 from rorg.engines.log_lines import Reading
 from rorg.engines.protocol import LIST_EVERY, NONE, TERM_GRACE, Usage, unsupported
 from rorg.engines.swarm import networks
 from rorg.engines.swarm.body import CONTAINER, service_spec
+from rorg.engines.swarm.cluster import Cluster
 from rorg.engines.swarm.files import Mounts, files_of, references, remove_unused
 from rorg.engines.swarm.inside import Inside
 from rorg.engines.swarm.look import (
@@ -31,12 +29,9 @@ from rorg.engines.swarm.look import (
     Look,
     Row,
     labels_of,
-    owned,
-    read_parked,
-    read_tasks,
     replicas_of,
 )
-from rorg.engines.swarm.managers import PATIENCE, Managers, Pinger
+from rorg.engines.swarm.managers import Managers, Pinger
 from rorg.errors import EngineError
 from rorg.model.engines import ENGINES, SWARM
 from rorg.model.objects import Kind
@@ -44,13 +39,10 @@ from rorg.model.volumes import OF_TREE
 
 LABEL_MOUNTS = "rorg.io/mounts"
 """The label with the mounts of a service from the tree, as JSON. They are read when it starts."""
-STATES = ("running", "ready", "accepted", "remove")
-"""States that the Swarm desires of tasks that are not history. After a service is scaled down it is `remove`."""
 SOON = 0.2
 """Seconds between two looks while a task begins or ends."""
 SWARM_STOPS = 10.0
 """Seconds beyond the grace period within which a task has ended: the Swarm waits for 2 s before it sends the signal."""
-T = TypeVar("T")
 
 
 class SwarmEngine(Inside):
@@ -63,76 +55,31 @@ class SwarmEngine(Inside):
     def __init__(self, owner: str, managers: Sequence[str], state: str = "") -> None:
         self.owner, self.address = owner, ",".join(managers)
         self._labels = {LABEL_STATE: state} if state else {}
-        self.managers = Managers(managers)
-        self._looking, self._last = threading.Lock(), Look(float("-inf"))
+        self.cluster = Cluster(owner, managers)
 
     def ping(self) -> str:
-        version, nodes = self._ask("reach the Swarm", lambda c: str(c.release)), self._nodes()
+        version, nodes = self.cluster.ask("reach the Swarm", lambda c: str(c.release)), self.cluster.nodes()
         return f"Swarm of {len(nodes)} nodes, {version}"
 
-    def cluster(self) -> str:
-        """Return the id of the Swarm."""
-        return str(self._ask("reach the Swarm", lambda c: c.get("/swarm", PATIENCE))["ID"])
-
     def pinger(self) -> Pinger:
-        return Pinger(Managers([client.host for client in self.managers.clients]))
+        return Pinger(Managers([client.host for client in self.cluster.managers.clients]))
 
     def close(self) -> None:
-        self.managers.close()
-
-    def _ask(self, what: str, call: Callable[[Client], T]) -> T:
-        with docker_errors(what):
-            return self.managers.ask(call)
-
-    def _nodes(self) -> builtins.list[dict[str, Any]]:
-        with docker_errors("list the nodes of the Swarm"):
-            return self.managers.nodes()
+        self.cluster.managers.close()
 
     # -- observing ---------------------------------------------------------------------------------------------
 
-    def look(self) -> Look:
-        """Return what a look has found that began after this call. Callers that wait together share one."""
-        asked = time.monotonic()
-        with self._looking:
-            if self._last.began < asked:
-                self._last = self._looked()
-            return self._last
-
-    def _looked(self) -> Look:
-        began, nodes = time.monotonic(), {node["ID"]: node for node in self._nodes()}
-        with docker_errors("list the services of the Swarm"):
-            services = self.managers.ask(lambda c: c.get("/services", filters=owned(self.owner)))
-            parked = {"label": [f"{PARKED}={self.owner}"]}
-            configs = self.managers.ask(lambda c: c.get("/configs", filters=parked))
-            tasks = self._tasks(services, [n for n, node in nodes.items() if node["Status"]["State"] == "down"])
-        return Look(began, tuple(services), read_parked(configs), read_tasks(tasks), nodes)
-
-    def _tasks(self, services: builtins.list[Row], down: builtins.list[str]) -> builtins.list[Row]:
-        """Return the tasks that are to run, those that are about to end, those on nodes that are `down`; and how the
-        others of services ended that are to run and do not. The Swarm keeps five of each service, so that all of them
-        would be a megabyte each second."""
-
-        def found(name: str, values: Sequence[str]) -> builtins.list[Row]:
-            return self.managers.ask(lambda c: c.get("/tasks", filters={name: values})) if values else []
-
-        tasks = {t["ID"]: t for t in [*found("desired-state", STATES), *found("node", down)]}
-        running = {t["ServiceID"] for t in tasks.values() if t["Status"]["State"] == "running"}
-        absent = [s["ID"] for s in services if replicas_of(s["Spec"]) and s["ID"] not in running]
-        tasks |= {t["ID"]: t for t in found("service", absent)}
-        ours = {service["ID"] for service in services}
-        return [task for task in tasks.values() if task["ServiceID"] in ours]
-
     def list(self, known: Mapping[str, Container] = NONE) -> builtins.list[Container]:  # noqa: ARG002 - of Engine
-        return self.look().containers()
+        return self.cluster.look().containers()
 
     def inspect(self, container: str) -> Container | None:
-        return self.look().container(container)
+        return self.cluster.look().container(container)
 
     def events(self, stop: Reading) -> Iterator[tuple[str, str]]:
         """The Swarm tells nothing of tasks, so they are listed: once a second, and more often while any begins or
         ends."""
         yield "", ""
-        while not stop.wait(SOON if self._last.settling() else LIST_EVERY):
+        while not stop.wait(SOON if self.cluster.last.settling() else LIST_EVERY):
             yield "", ""
 
     def usage(self, containers: Sequence[Container]) -> dict[str, Usage]:  # noqa: ARG002 - of Engine
@@ -154,7 +101,7 @@ class SwarmEngine(Inside):
         mounts = [(v["source"], v["target"]) for v in spec.get("volumes", ()) if _of_tree(v)]
         marks = {**labels, **self._labels, LABEL_MOUNTS: json.dumps(mounts)}
         body = service_spec(name, kept, marks, container)
-        there = self.look().services_named(labels[LABEL_SERVICE])
+        there = self.cluster.look().services_named(labels[LABEL_SERVICE])
         if any(name == s["Spec"]["Name"] or name.startswith(f"{s['Spec']['Name']}.") for s in there):
             self._park(body, {NAMED: name})
         else:
@@ -164,11 +111,11 @@ class SwarmEngine(Inside):
     def _make(self, body: Body) -> None:
         name = body["Name"]
         try:
-            self._ask(f"create {name}", lambda c: c.post("/services/create", body))
+            self.cluster.ask(f"create {name}", lambda c: c.post("/services/create", body))
         except EngineError as error:
             if error.kind != "name_taken":
                 raise
-            rows = self._ask(f"inspect {name}", lambda c: c.get("/services", filters={"name": [name]}))
+            rows = self.cluster.ask(f"inspect {name}", lambda c: c.get("/services", filters={"name": [name]}))
             labels = next((labels_of(row["Spec"]) for row in rows if row["Spec"]["Name"] == name), {})
             whose = other_rorg(labels, self.owner)
             why = f"a service of that name belongs to {whose}" if whose else "the Swarm has a service of that name"
@@ -180,11 +127,11 @@ class SwarmEngine(Inside):
         container = labels[CONTAINER]
         data = base64.b64encode(json.dumps({**spec, "Labels": labels}).encode()).decode()
         body = {"Name": f"rorg.{container[:40]}", "Labels": {PARKED: self.owner}, "Data": data}
-        self._ask(f"keep {spec['Name']}", lambda c: c.post("/configs/create", body))
+        self.cluster.ask(f"keep {spec['Name']}", lambda c: c.post("/configs/create", body))
 
     def start(self, container: str) -> None:
         """Begin a run. The current container of the service ends by this: the Swarm stops its task first."""
-        look = self.look()
+        look = self.cluster.look()
         service, parked = look.service_of(container), look.parked.get(container)
         if service is None and parked is None:
             raise EngineError(f"start {container[:12]}", "it is gone", kind="gone")
@@ -198,13 +145,13 @@ class SwarmEngine(Inside):
                 self._scale_down(look, other, 0.0)
         self._run(look, spec, target, container)
         if parked:
-            self._ask(f"start {container[:12]}", lambda c: c.delete(f"/configs/{parked.config}"))
+            self.cluster.ask(f"start {container[:12]}", lambda c: c.delete(f"/configs/{parked.config}"))
 
     def _run(self, look: Look, spec: Row, target: Row | None, container: str) -> None:
         """Give the Swarm service `target` this spec and one task; make a service if there is none any more."""
         mounts: Mounts = [(str(a), str(b)) for a, b in json.loads(labels_of(spec).get(LABEL_MOUNTS, "[]"))]
         files = files_of(mounts)
-        parts = self._ask("send files to the Swarm", lambda c: references(c, self.owner, files))
+        parts = self.cluster.ask("send files to the Swarm", lambda c: references(c, self.owner, files))
         task = spec["TaskTemplate"]
         again = target["Spec"]["TaskTemplate"].get("ForceUpdate", 0) + 1 if target else 0
         labels = {k: v for k, v in labels_of(spec).items() if k != NAMED}
@@ -231,11 +178,11 @@ class SwarmEngine(Inside):
     def _update(self, what: str, service: Row, spec: Mapping[str, Any]) -> None:
         """Change a service. An error of the kind `conflict` means that something else has changed it meanwhile."""
         path, version = f"/services/{service['ID']}/update", service["Version"]["Index"]
-        self._ask(what, lambda c: c.post(path, spec, version=version))
+        self.cluster.ask(what, lambda c: c.post(path, spec, version=version))
 
     def stop(self, container: str, signal: str, grace: float) -> None:  # noqa: ARG002 - the spec has the signal
         """End its task by the signal and the grace period of its spec, and return when it has ended."""
-        look = self.look()
+        look = self.cluster.look()
         service = look.service_of(container)
         if service is not None:
             self._scale_down(look, service, grace)
@@ -246,7 +193,7 @@ class SwarmEngine(Inside):
             labels = {**labels_of(spec), **self._last_run(look, service)}
             self._update(f"stop {name}", service, {**spec, "Labels": labels, "Mode": {"Replicated": {"Replicas": 0}}})
         until = time.monotonic() + grace + TERM_GRACE + SWARM_STOPS
-        while self.look().alive(service):
+        while self.cluster.look().alive(service):
             if time.monotonic() > until:
                 raise EngineError(f"stop {name}", "its task has not ended", f"`docker service ps {name}`")
             time.sleep(SOON)
@@ -255,17 +202,17 @@ class SwarmEngine(Inside):
         raise unsupported(self.name, "signal", container)
 
     def remove(self, container: str, volumes: bool = False) -> None:  # noqa: ARG002 - of Engine
-        look = self.look()
+        look = self.cluster.look()
         service, parked = look.service_of(container), look.parked.get(container)
         if parked:
-            self._ask(f"remove {container[:12]}", lambda c: c.delete(f"/configs/{parked.config}"))
+            self.cluster.ask(f"remove {container[:12]}", lambda c: c.delete(f"/configs/{parked.config}"))
         if service is not None:
             if replicas_of(service["Spec"]) or any(t.state in BEGUN for t in look.alive(service)):
                 raise EngineError(f"remove {service['Spec']['Name']}", "it runs", "to stop it first", "conflict")
-            self._ask(f"remove {service['Spec']['Name']}", lambda c: c.delete(f"/services/{service['ID']}"))
-        left = self.look()
+            self.cluster.ask(f"remove {service['Spec']['Name']}", lambda c: c.delete(f"/services/{service['ID']}"))
+        left = self.cluster.look()
         specs = [*(s["Spec"] for s in left.services), *(p.spec for p in left.parked.values())]
-        self._ask("remove unused files", lambda c: remove_unused(c, self.owner, specs))
+        self.cluster.ask("remove unused files", lambda c: remove_unused(c, self.owner, specs))
 
     def pause(self, container: str) -> None:
         """moby#37809: a manager calls a paused task running for ever."""
@@ -283,7 +230,7 @@ class SwarmEngine(Inside):
     # -- networks ----------------------------------------------------------------------------------------------
 
     def find_objects(self, keys: Collection[str]) -> FoundObjects:
-        return self._ask("list networks", lambda c: networks.find(c, self.owner, keys))
+        return self.cluster.ask("list networks", lambda c: networks.find(c, self.owner, keys))
 
     def object_events(self, stop: Reading) -> Iterator[None]:
         yield
@@ -294,11 +241,11 @@ class SwarmEngine(Inside):
         if kind != "network":
             raise unsupported(self.name, f"make the {kind}", name)
         marks = {**labels, **self._labels}
-        self._ask(f"create the network {name}", lambda c: networks.make(c, name, spec, marks))
+        self.cluster.ask(f"create the network {name}", lambda c: networks.make(c, name, spec, marks))
 
     def remove_object(self, kind: Kind, name: str) -> None:
         if kind == "network":
-            self._ask(f"remove the network {name}", lambda c: networks.remove(c, name, self.owner))
+            self.cluster.ask(f"remove the network {name}", lambda c: networks.remove(c, name, self.owner))
 
 
 def _of_tree(volume: Any) -> bool:

@@ -14,8 +14,8 @@ from rorg.engines.docker.errors import docker_errors
 from rorg.engines.docker.inspection import epoch_seconds
 from rorg.engines.log_lines import LogLine, Reading
 from rorg.engines.protocol import unsupported
-from rorg.engines.swarm.look import Look, labels_of
-from rorg.engines.swarm.managers import Managers
+from rorg.engines.swarm.cluster import Cluster
+from rorg.engines.swarm.look import labels_of
 from rorg.errors import EngineError
 
 
@@ -23,15 +23,11 @@ class Inside:
     """See Inspection and Access."""
 
     name: str
-    managers: Managers
-
-    def look(self) -> Look:
-        """See SwarmEngine."""
-        raise NotImplementedError
+    cluster: Cluster
 
     def _log(self, container: str) -> str:
         """Return where the Swarm has the log of all tasks of its service."""
-        look = self.look()
+        look = self.cluster.look()
         service, parked = look.service_of(container), look.parked.get(container)
         if service is None and parked:
             there = look.services_named(labels_of(parked.spec)[LABEL_SERVICE])
@@ -43,20 +39,20 @@ class Inside:
     def log_lines(self, container: str, tail: int | None, since: float | None, whole: bool) -> Iterator[LogLine]:
         path = self._log(container)
         with docker_errors(f"read the logs of {container[:12]}"):
-            yield from log.lines(self.managers.answering(), path, tail, since)
+            yield from log.lines(self.cluster.managers.answering(), path, tail, since)
 
     def log_follow(self, container: str, place: str, reading: Reading) -> Iterator[LogLine]:
         path = self._log(container)
         with docker_errors(f"read the logs of {container[:12]}"):
-            yield from log.follow(self.managers.answering(), path, place, reading)
+            yield from log.follow(self.cluster.managers.answering(), path, place, reading)
 
     def log_since(self, container: str, place: str) -> Iterator[tuple[bytes, str]]:
         path = self._log(container)
         if not place:
-            found = self.look().container(container)
+            found = self.cluster.look().container(container)
             place = str(epoch_seconds(found.started_at)) if found and found.started_at else "0"
         with docker_errors(f"read the logs of {container[:12]}"):
-            yield from log.since(self.managers.answering(), path, place)
+            yield from log.since(self.cluster.managers.answering(), path, place)
 
     def exec(
         self,

@@ -43,6 +43,8 @@ class Parked:
     config: str
     """Id of the config."""
     spec: Mapping[str, Any]
+    created_at: str
+    """When it was parked. One that a later run took the place of again was started before that."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,12 +93,12 @@ class Look:
         service = self.service_of(id)
         if service is not None:
             return self._current(service)
-        return _parked(id, self.parked[id].spec) if id in self.parked else None
+        return _parked(id, self.parked[id]) if id in self.parked else None
 
     def containers(self) -> list[Container]:
         current = [self._current(service) for service in self.services]
         known = {c.id for c in current}
-        return [*current, *(_parked(i, p.spec) for i, p in self.parked.items() if i not in known)]
+        return [*current, *(_parked(i, p) for i, p in self.parked.items() if i not in known)]
 
     def settling(self) -> bool:
         """Return whether a task is about to begin or end."""
@@ -182,15 +184,16 @@ def _has_check(spec: Row) -> bool:
     return bool(test) and test[0] != "NONE"
 
 
-def _parked(id: str, spec: Row) -> Container:
-    labels = labels_of(spec)
+def _parked(id: str, parked: Parked) -> Container:
+    labels = labels_of(parked.spec)
     started = labels.get(STARTED, "")
     return Container(
         id=id,
-        name=labels.get(NAMED) or spec["Name"],
+        name=labels.get(NAMED) or parked.spec["Name"],
         state="exited" if started else "created",
         started_at=started,
         exit_code=_exit_code(labels),
+        created_at=parked.created_at,
         live=live_of(labels),
         **from_labels(labels),
     )
@@ -207,7 +210,7 @@ def read_parked(configs: Iterable[Row]) -> dict[str, Parked]:
     for config in configs:
         try:
             spec = json.loads(base64.b64decode(config["Spec"]["Data"]))
-            parked[labels_of(spec)[CONTAINER]] = Parked(config["ID"], spec)
+            parked[labels_of(spec)[CONTAINER]] = Parked(config["ID"], spec, config["CreatedAt"])
         except (ValueError, LookupError, TypeError, AttributeError, RecursionError):
             continue
     return parked
