@@ -98,3 +98,56 @@ def test_a_computer_finds_out_which_machine_it_is(tmp_path):
         told = machine_for(catalog.machines, named, host)
         assert isinstance(told, Diagnostic)
         assert "base, head" in told.message
+
+
+ANY = {"base": BASE, "any": {"address": "lab"}}
+
+
+def test_what_may_run_anywhere_is_rendered_for_the_swarm(tmp_path):
+    """No node has the tree, and none has rorg to restart what ended."""
+    (tmp_path / "services/planner.d").mkdir(parents=True)
+    (tmp_path / "services/planner.d/a.yaml").write_text("a: 1")
+    planner = {
+        "machine": "any",
+        "placement": ["node.role == worker"],
+        "resources": {"cpu": 0.5},
+        "mounts": ["./planner.d:/etc/planner"],
+        "restart": "on-failure",
+    }
+    loaded = load(write_tree(tmp_path, {"planner": planner}, machines=ANY))
+    assert [str(e) for e in loaded.errors] == []
+    spec = loaded.catalog.services["planner"].spec
+    source = str(tmp_path / "services/planner.d")
+    assert spec["volumes"] == [{"type": "tree", "source": source, "target": "/etc/planner", "read_only": True}]
+    assert (spec["placement"], spec["reserve"], spec["restart"]) == (
+        ["node.role == worker"],
+        {"cpu": 0.5},
+        "on-failure",
+    )
+
+
+@pytest.mark.parametrize(
+    ("services", "machines", "told"),
+    [
+        ({"a": {"machine": "any"}}, {"base": BASE}, "no Machine is called 'any', whose rorg has the Swarm"),
+        ({"a": {"placement": ["node.role==worker"]}}, ANY, "'a' belongs to one machine, so nothing places it"),
+        ({"a": {"machine": "any", "idle": {"action": "pause"}}}, ANY, "and a Swarm has no pause"),
+        ({"a": {"machine": "any", "driver": True}}, ANY, "and a Swarm has no driver of hardware"),
+        ({"a": {"machine": "any", "on_change": "signal HUP"}}, ANY, "and a Swarm has no signal (SIGHUP)"),
+        ({"a": {"machine": "any", "may_request": ["a"]}}, ANY, "and a Swarm has no socket of rorg, which may_request"),
+        ({"a": {"machine": "any", "ready": {"exec": ["true"]}}}, ANY, "and a Swarm has no `exec` in a container"),
+        ({"a": {"machine": "any", "container": {"cpuset": "0"}}}, ANY, "and a Swarm has no cpuset"),
+        ({"a": {"machine": "any", "exclusive": ["gpu"]}}, ANY, "'a' is to be the only user of gpu"),
+    ],
+)
+def test_what_a_swarm_cannot_do_is_an_error(tmp_path, services, machines, told):
+    assert any(told in message for message in errors(tmp_path, services, machines))
+
+
+@pytest.mark.parametrize(
+    ("named", "engine", "right"),
+    [("any", "swarm", True), ("base", "docker", True), ("any", "docker", False), ("base", "swarm", False)],
+)
+def test_the_machine_any_and_no_other_has_a_swarm(tmp_path, named, engine, right):
+    machines = load(write_tree(tmp_path, {"aa": {}}, machines=ANY)).catalog.machines
+    assert (machine_for(machines, named, "", engine) == named) is right
