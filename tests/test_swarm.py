@@ -12,7 +12,7 @@ import pytest
 from computers import Computer, Team
 from conftest import BASE_IMAGE, free_port, wait_for
 from dockerd import Dockerd, chosen, import_base
-from robots import WORK
+from robots import WORK, write_tree
 
 from rorg.core.observed import LABEL_OWNER, LABEL_PREVIOUS, LABEL_SERVICE, Container
 from rorg.engines.docker.client import Client
@@ -114,11 +114,11 @@ def test_a_change_is_one_rolling_update_and_the_previous_container_can_return(en
     assert [c.id for c in engine.list()] == [first]
 
 
-def test_what_ends_on_its_own_is_exited_until_the_swarm_tries_again(engine):
+def test_what_ends_on_its_own_comes_again_by_the_swarm(engine):
     made = engine.create("planner", {**SPEC, "command": [*SHELL, "exit 3"]}, labels("planner"))
     engine.start(made)
-    ended = until(engine, made, "exited")
-    assert ended.exit_code == 3
+    ended = wait_for(lambda: (c := engine.inspect(made)).ended and c, 30, "it to end")
+    assert (ended.state, ended.exit_code) == ("restarting", 3)
     wait_for(lambda: engine.inspect(made).incarnation != ended.incarnation, 30, "the Swarm to try again")
 
 
@@ -126,8 +126,8 @@ def test_what_ends_on_its_own_is_exited_until_the_swarm_tries_again(engine):
     ("change", "state", "why"),
     [
         ({"placement": ["node.labels.gpu==yes"]}, "restarting", "no suitable node"),
-        ({"image": "rorg.test/none:1"}, "exited", "No such image"),
-        ({"volumes": ["/no/such/place:/x"]}, "exited", "bind source path does not exist"),
+        ({"image": "rorg.test/none:1"}, "restarting", "No such image"),
+        ({"volumes": ["/no/such/place:/x"]}, "restarting", "bind source path does not exist"),
     ],
 )
 def test_what_cannot_run_says_why(engine, change, state, why):
@@ -275,6 +275,26 @@ def test_a_killed_rorg_finds_all_again(team, swarm):
 
     wait_for(lambda: names() == ["lab-planner"], 60, "it to have its new name")
     anywhere.wait("planner")
+
+
+def test_what_crashes_is_started_by_the_swarm_alone_and_ends_when_it_is_no_longer_wanted(team, swarm):
+    """A harness found rorg starting it beside the Swarm, and a `down` that could not remove it."""
+    anywhere = team.computers["any"]
+    network = {"lab": {}}
+    crash = {"machine": "any", "profile": "plain", "command": [*SHELL, "exit 3"], "container": {"networks": ["lab"]}}
+    machines = {n: {"address": a, "lease": 10.0} for n, a in team.addresses.items()}
+    write_tree(team.folder / "manifests", {**ROBOT, "crash": crash}, machines=machines, networks=network)
+    wait_for(lambda: "crash" in anywhere.services(), 20, "it to be declared")
+    anywhere.ask("c", "crash")
+    wait_for(lambda: anywhere.services()["crash"]["crashes"] >= 3, 60, "it to crash three times")
+    starts = [e for e in anywhere.events("done") if e["service"] == "crash" and e["verb"] == "start"]
+    assert len(starts) == 1
+    shown = anywhere.services()["crash"]
+    assert (shown["state"], shown["health"]) == ("restarting", "Degraded")
+    anywhere.client.release("c")
+    wait_for(lambda: anywhere.state("crash") in ("exited", "created"), 30, "it to end")
+    team.down()
+    assert [n["Name"] for n in client(swarm).get("/networks") if n["Name"] == "lab"] == []
 
 
 def test_only_the_machine_any_has_a_swarm(team):

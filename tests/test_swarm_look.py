@@ -28,12 +28,18 @@ def task(number: int, state: str, on: str = "one", desired: str = "running", cod
         "DesiredState": desired,
         "NodeID": on,
         "Spec": {"ContainerSpec": {"Labels": {CONTAINER: ID}}},
-        "Status": {"State": state, "Err": "gone" if state == "failed" else "", "ContainerStatus": {"ExitCode": code}},
+        "Status": {
+            "State": state,
+            "Err": "gone" if state == "failed" else "",
+            "ContainerStatus": {"ExitCode": code, "ContainerID": "x"},
+        },
     }
 
 
-def seen(tasks: list[dict[str, Any]], replicas: int = 1, down: tuple[str, ...] = (), **labels: str) -> Container:
-    spec = service_spec("planner", {"image": "x"}, {LABEL_SERVICE: "planner", **labels}, ID)
+def seen(
+    tasks: list[dict[str, Any]], replicas: int = 1, down: tuple[str, ...] = (), restart: str = "always", **labels: str
+) -> Container:
+    spec = service_spec("planner", {"image": "x", "restart": restart}, {LABEL_SERVICE: "planner", **labels}, ID)
     spec["Mode"]["Replicated"]["Replicas"] = replicas
     at = "2026-01-01T00:00:00Z"
     row = {"ID": "s", "Spec": spec, "CreatedAt": at, "UpdatedAt": at, "Version": {"Index": 1}}
@@ -50,7 +56,7 @@ def seen(tasks: list[dict[str, Any]], replicas: int = 1, down: tuple[str, ...] =
         ([task(1, "pending")], (), "restarting", "1"),
         ([task(1, "starting")], (), "restarting", "1"),
         ([task(1, "running")], (), "running", "1"),
-        ([task(1, "failed", desired="shutdown", code=3), task(2, "ready", desired="ready")], (), "exited", "1"),
+        ([task(1, "failed", desired="shutdown", code=3), task(2, "ready", desired="ready")], (), "restarting", "1"),
         ([task(1, "failed", desired="shutdown", code=3), task(2, "running")], (), "running", "2"),
         ([task(1, "running", desired="shutdown")], ("one",), "restarting", ""),
         ([task(1, "running", desired="shutdown"), task(2, "preparing", "two")], ("one",), "restarting", "2"),
@@ -61,6 +67,24 @@ def seen(tasks: list[dict[str, Any]], replicas: int = 1, down: tuple[str, ...] =
 def test_a_container_that_is_to_run(tasks, down, state, started):
     found = seen(tasks, down=down)
     assert (found.state, found.started_at[18:19]) == (state, started)
+
+
+@pytest.mark.parametrize(
+    ("restart", "state", "shown"),
+    [
+        ("always", "failed", "restarting"),
+        ("always", "complete", "restarting"),
+        ("on-failure", "failed", "restarting"),
+        ("on-failure", "complete", "exited"),
+        ("no", "failed", "exited"),
+        ("no", "rejected", "exited"),
+    ],
+)
+def test_what_has_ended_comes_again_if_the_swarm_starts_it_again(restart, state, shown):
+    """So rorg counts the end, and starts nothing beside the Swarm."""
+    code = {"failed": 3, "complete": 0, "rejected": None}[state]
+    found = seen([task(1, state, desired="shutdown", code=code)], restart=restart)
+    assert (found.state, found.exit_code, found.ended) == (shown, 125 if code is None else code, True)
 
 
 def test_a_node_that_is_lost_may_still_run_it():

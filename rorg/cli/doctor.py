@@ -16,8 +16,8 @@ from rorg.cli.context import Context
 from rorg.cli.options import Output, RobotEngine
 from rorg.cli.output import print_rows
 from rorg.cli.places import NAME, may_connect
-from rorg.errors import Exit, Refused, Unreachable
-from rorg.model.engines import capabilities_of
+from rorg.errors import Exit, Refused, RorgError, Unreachable
+from rorg.model.engines import SWARM, capabilities_of
 from rorg.model.units import counted
 
 PATIENCE = 3.0
@@ -91,6 +91,8 @@ def _engine(context: Context) -> tuple[dict[str, Any], list[Path]]:
     """Known facts about the engine, and where it keeps its images."""
     if not capabilities_of(context.engine_name).server:
         return {"engine": context.engine_name}, []
+    if context.engine_name == SWARM:
+        return _swarm(context), []
     from rorg.engines.facts import engine_facts
 
     facts = engine_facts()
@@ -105,6 +107,16 @@ def _engine(context: Context) -> tuple[dict[str, Any], list[Path]]:
         "live_restore": facts.live_restore,
     }
     return fields, [Path(facts.root)] if facts.root and facts.host.startswith("unix://") else []
+
+
+def _swarm(context: Context) -> dict[str, Any]:
+    """The same about the Swarm; its nodes are other machines."""
+    engine = context.engine()
+    try:
+        about: dict[str, Any] = {"engine_product": engine.ping(), "live_restore": True}
+    except RorgError as error:
+        about = {"engine_error": error.why}
+    return {"engine": SWARM, "engine_host": engine.address, **about}
 
 
 def _server(context: Context) -> dict[str, Any]:

@@ -48,7 +48,11 @@ def _engine(host: Installation) -> Iterator[Check]:
         message = f"the engine at {host.engine_host} does not answer: {host.engine_error}"
         yield Check("engine", ERROR, message, "`systemctl start docker`, DOCKER_HOST, or --engine process")
     else:
-        yield Check("engine", OK, f"{host.engine_product} {host.engine_version} answers at {host.engine_host}")
+        yield Check(
+            "engine",
+            OK,
+            f"{' '.join(filter(None, (host.engine_product, host.engine_version)))} answers at {host.engine_host}",
+        )
         for why in sorted(set(host.engine_lacks.values())):
             options = ", ".join(option for option, reason in host.engine_lacks.items() if reason == why)
             yield Check("engine-lacks", WARNING, f"{options}: {why}", "`rorg validate --machine` for the services")

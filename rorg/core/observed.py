@@ -68,6 +68,7 @@ class Container:
     started_at: str = ""
     """When it last started, by the engine's clock, ISO 8601 in UTC; "" if it never did."""
     exit_code: int | None = None
+    """Of its last run; while it is `restarting`, of the run that the engine is about to follow by another one."""
     oom_killed: bool = False
     error: str = ""
     digest: str = ""
@@ -106,6 +107,11 @@ class Container:
     def incarnation(self) -> str:
         """One run of this container: its id and start time. Another start is another incarnation."""
         return f"{self.id[:12]}@{self.started_at}"
+
+    @property
+    def ended(self) -> bool:
+        """Whether its program has ended, even if the engine is about to start it again."""
+        return self.state == "exited" or (self.state == "restarting" and self.exit_code is not None)
 
     @property
     def active(self) -> bool:

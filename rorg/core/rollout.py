@@ -135,7 +135,7 @@ def _awaiting(progress: Progress, since: float | None) -> Progress:
 
 def _verdict(progress: Progress, service: Service, current: Container, evidence: Evidence) -> _Verdict:
     """Return whether a run has stayed well for its bake, or what is wrong with it."""
-    if current.state == "exited" and progress.exited == current.incarnation:
+    if current.ended and progress.exited == current.incarnation:
         done = current.exit_code == 0 and progress.over(service, current)
         return _Verdict(passed=True) if done else _Verdict(error=progress.error)
     if current.state != "running" or progress.running_since is None or progress.doubted_since is not None:

@@ -172,7 +172,7 @@ def _ended_with_another(progress: Progress, service: Service, evidence: Evidence
 
 def _exit(progress: Progress, current: Container | None, now: float, booted_at: str) -> Progress:
     """Count an unexpected exit and postpone the next start."""
-    if current is None or current.state != "exited" or not current.started_at:
+    if current is None or not current.ended or not current.started_at:
         return progress
     run = current.incarnation
     if run == progress.exited or run in progress.stopped:

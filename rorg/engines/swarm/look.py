@@ -115,7 +115,8 @@ class Look:
         spec, labels = service["Spec"], labels_of(service["Spec"])
         mine = [t for t in self.tasks.get(service["ID"], ()) if t.container == labels.get(CONTAINER)]
         if replicas_of(spec):
-            state, task = self._wanted([t for t in mine if not over(t) or t.created_at >= service["UpdatedAt"]])
+            since = [t for t in mine if not over(t) or t.created_at >= service["UpdatedAt"]]
+            state, task = self._wanted(since, spec["TaskTemplate"].get("RestartPolicy") or {})
         else:
             task = next((t for t in self.alive(service) if t in mine and t.state in BEGUN), None)
             state = "running" if task else "exited" if STARTED in labels else "created"
@@ -125,29 +126,31 @@ class Look:
             name=spec["Name"],
             state=state,
             started_at=task.created_at if task else labels.get(STARTED, ""),
-            exit_code=(task.exit_code if task else _exit_code(labels)) if state == "exited" else None,
+            exit_code=task.exit_code if task else _exit_code(labels) if state == "exited" else None,
             error=self._error(mine, task),
             created_at=service["CreatedAt"],
             live=live_of(labels),
+            networks=dict.fromkeys(declared_of(labels.get(LABEL_DECLARED, "")).get("networks") or (), ""),
             health="healthy" if state == "running" and _has_check(spec) else "",
             node=str(node.get("Description", {}).get("Hostname", "")),
             address=str(node.get("Status", {}).get("Addr", "")),
             **from_labels(labels),
         )
 
-    def _wanted(self, tasks: Sequence[Task]) -> tuple[str, Task | None]:
+    def _wanted(self, tasks: Sequence[Task], policy: Row) -> tuple[str, Task | None]:
         """Return the state of a container that is to run, and the task that tells it. `tasks` are those since it was
-        started. After its program has ended it is `exited` until the Swarm's next attempt runs; while a node is lost
-        it is `restarting` until another one runs it."""
+        started. After its program has ended it is `restarting` with the exit code until the Swarm's next task runs,
+        if its `policy` makes one; while a node is lost, it is `restarting` until another one runs it."""
         alive = [t for t in tasks if not over(t) and not self.down(t.node) and t.wanted]
         for task in reversed(alive):
             if task.state == "running":
                 return "running", task
         failed = [t for t in tasks if t.state in FAILED]
         lost = [t for t in tasks if not over(t) and self.down(t.node)]
-        if failed and not (lost and lost[-1].created_at > failed[-1].created_at):
-            return "exited", failed[-1]
-        return "restarting", alive[-1] if alive else None
+        if not failed or (lost and lost[-1].created_at > failed[-1].created_at):
+            return "restarting", alive[-1] if alive else None
+        again = {"any": True, "on-failure": failed[-1].state != "complete"}.get(policy.get("Condition", "any"), False)
+        return "restarting" if again else "exited", failed[-1]
 
     def _error(self, tasks: Sequence[Task], task: Task | None) -> str:
         """Return what people should know of it, in the Swarm's words where it has any."""
@@ -221,7 +224,8 @@ def read_tasks(rows: Iterable[Row]) -> dict[str, tuple[Task, ...]]:
     tasks: dict[str, list[Task]] = {}
     for row in sorted(rows, key=lambda row: (row["CreatedAt"], row["ID"])):
         status = row.get("Status") or {}
-        code = (status.get("ContainerStatus") or {}).get("ExitCode")
+        ran = status.get("ContainerStatus") or {}
+        code = ran.get("ExitCode") if ran.get("ContainerID") and status.get("State") != "rejected" else None
         task = Task(
             id=row["ID"],
             service=row["ServiceID"],
@@ -231,7 +235,7 @@ def read_tasks(rows: Iterable[Row]) -> dict[str, tuple[Task, ...]]:
             created_at=row["CreatedAt"],
             node=row.get("NodeID", ""),
             error=status.get("Err") or "",
-            exit_code=NOT_BEGUN if status.get("State") == "rejected" else code,
+            exit_code=None if status.get("State") not in FAILED else NOT_BEGUN if code is None else code,
         )
         tasks.setdefault(task.service, []).append(task)
     return {service: tuple(found) for service, found in tasks.items()}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Collection, Mapping
 from typing import Any
 
@@ -12,6 +13,9 @@ from rorg.engines.docker.create import other_rorg
 from rorg.engines.docker.errors import Refused
 from rorg.engines.docker.objects import network_body
 from rorg.errors import EngineError
+
+RELEASED = 3.0
+"""Seconds for which a network may still be in use after the last service that used it was removed."""
 
 
 def find(client: Client, owner: str, keys: Collection[str]) -> FoundObjects:
@@ -37,11 +41,17 @@ def remove(client: Client, name: str, owner: str) -> None:
     if labels.get(LABEL_OWNER) != owner or LABELS["network"] not in labels:
         whose = other_rorg(labels, owner)
         raise EngineError(what, f"it belongs to {whose}" if whose else "it is not rorg's", kind="foreign")
-    try:
-        client.delete(f"/networks/{data['Id']}")
-    except Refused as no:
-        if no.status == 404:
+    until = time.monotonic() + RELEASED
+    while True:
+        try:
+            client.delete(f"/networks/{data['Id']}")
+        except Refused as no:
+            if no.status == 404:
+                return
+            if "in use" not in no.text:
+                raise
+            if time.monotonic() > until:
+                raise EngineError(what, no.text, "to remove the services that use it", kind="in_use") from no
+            time.sleep(0.2)
+        else:
             return
-        if "in use" in no.text:
-            raise EngineError(what, no.text, "to remove the services that use it", kind="in_use") from no
-        raise
