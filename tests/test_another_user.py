@@ -36,6 +36,7 @@ CODES = {
     "emulate nosuch.yaml": {2},
     "simulate nosuch.yaml robot": {2},
     "fleet status nosuch.yaml": {2},
+    "ui --no-browser --port 99999": {2},
     "take base --yes": {5},
     "take nosuch --yes": {2},
     "diff {tree}": {0, 1},

@@ -71,7 +71,7 @@ def test_what_may_follow(robot, running):  # noqa: F811
 def test_bash_breaks_words_at_equals_signs(robot):  # noqa: F811
     for words in (["why", "--engine", "=", "p"], ["why", "--engine", "p"]):
         assert rorg(robot, *words, _RORG_COMPLETE="bash").stdout == "process\n"
-    assert rorg(robot, "why", "--engine", "=", _RORG_COMPLETE="bash").stdout.split() == ["docker", "process"]
+    assert rorg(robot, "why", "--engine", "=", _RORG_COMPLETE="bash").stdout.split() == ["docker", "process", "swarm"]
     assert rorg(robot, "restart", "--wa", _RORG_COMPLETE="bash").stdout == "--wait\n"
 
 

@@ -145,7 +145,7 @@ def test_what_is_interrupted_leaves_nothing_but_what_is_saved(tmp_path, files, n
         (["--compress", "24"], "it takes 1 s when compressed, less than 2 s; try a smaller --compress"),
         (["--save", "nowhere/x.json"], "cannot write nowhere/x.json: No such file or directory"),
         (["--plot", "x.pdf"], "cannot draw x.pdf: '.pdf' is not a supported format; try .png or .svg"),
-        (["--engine", "swarm"], "swarm"),
+        (["--engine", "kubernetes"], "kubernetes"),
         (["-o", "yml"], "--output cannot be 'yml'"),
     ],
 )

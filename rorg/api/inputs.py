@@ -122,3 +122,4 @@ class PutManifest(Body):
     text: Annotated[str, Field(max_length=500_000)] = Field(description="The manifest, as YAML.")
     base: str | None = Field(default=None, description="Digest of the version that was edited; null for a new one.")
     message: Short = ""
+    check: bool = Field(default=False, description="Only check it.")

@@ -105,6 +105,8 @@ class Manifests:
                         "to rename that file after what it declares",
                     )
             self._check(caller, kind, name, path, text, before=before, whole=whole)
+            if body.check:
+                return path, "", 0
             message = body.message or f"{kind} {name}: changed through the API"
             generation = self._change(caller, path, kept and kept.content, whole, message)
             return path, digest(manifests_in(path, (whole or "").encode())[kind, name].text), generation
@@ -208,8 +210,10 @@ def add_manifests(app: FastAPI, operations: Operations) -> None:
     @app.put(ONE, dependencies=allowed, response_model=ManifestView)
     def put_one(kind: Kind, name: ManifestName, body: PutManifest, caller: Who) -> Response:
         """Write a manifest: validated with the whole tree, in one step, committed if the tree is a git repository.
-        Refused if `base` is not the digest of the current version."""
+        Refused if `base` is not the digest of the current version. With `check`, nothing is written (204)."""
         path, new_digest, generation = manifests.put(caller, kind, name, body)
+        if body.check:
+            return Response(status_code=204)
         return JSONResponse(
             {
                 "kind": kind,

@@ -36,6 +36,7 @@ COMMANDS = (
     "timeline",
     "trace",
     "top",
+    "ui",
     "logs",
     "exec",
     "shell",

@@ -7,6 +7,7 @@ import signal
 import sys
 import threading
 import time
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -94,6 +95,7 @@ def command(
     poll: Annotated[float, Option("How often to fetch: 30s, 5m.", parser=duration, least=1, most=86_400)] = 30.0,
     committed: Annotated[bool, Option("Use only committed manifests of DIRECTORY.")] = False,
     signers: Signers = None,
+    ui: Annotated[bool, Option("Also serve the page of `rorg ui`, and print its address.")] = False,
 ) -> None:
     """Run the loop until stopped: keep the containers as manifests and requests say, and serve the API.
 
@@ -116,13 +118,14 @@ def command(
     tcp = listening(listen, files) if listen else None
     context.state.acquire(SERVER)
     _tell_down(context)
-    _serve(context, _loop(context, repository, poll), group, tcp)
+    _serve(context, _loop(context, repository, poll), group, tcp, ui)
 
 
-def _serve(context: Context, loop: Loop, group: str, tcp: tuple[str, int, Tls] | None) -> None:
+def _serve(context: Context, loop: Loop, group: str, tcp: tuple[str, int, Tls] | None, ui: bool) -> None:
     """Runs the loop and the API until it is told to stop, or the robot is down."""
     from rorg.api.links import Links
     from rorg.api.server import make_server
+    from rorg.cli.ui import beside
     from rorg.store.clear import clear
 
     server = make_server(loop, context.state, group)
@@ -133,7 +136,8 @@ def _serve(context: Context, loop: Loop, group: str, tcp: tuple[str, int, Tls] |
     note(f"API on {server.directory / 'rorg.sock'}")
     if links:
         links.start()
-    _run_until_told(loop, server)
+    with beside(server.directory / "rorg.sock") if ui else nullcontext():
+        _run_until_told(loop, server)
     if links:
         links.stop()
     if loop.is_down:

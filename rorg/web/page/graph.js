@@ -1,0 +1,110 @@
+// The graph of needs and requests, in layers from who requests to the drivers.
+
+import { Component, html, useEffect, useMemo, useRef, useState } from "/page/vendor/preact.js";
+import { MOODS, mood, useGradually, useStore } from "/page/store.js";
+
+/** Everything that a node leads to, and everything that leads to it. */
+function chainOf(name, edges) {
+  const chain = new Set([name]);
+  for (const [from, to] of [[0, 1], [1, 0]]) {
+    const pending = [name];
+    while (pending.length) {
+      const one = pending.pop();
+      for (const edge of edges)
+        if (edge[from] === one && !chain.has(edge[to])) {
+          chain.add(edge[to]);
+          pending.push(edge[to]);
+        }
+    }
+  }
+  return chain;
+}
+
+class Node extends Component {
+  shouldComponentUpdate(next) {
+    return ["state", "box", "lit"].some((name) => next[name] !== this.props[name]);
+  }
+
+  render({ name, state, box, lit, open, light }) {
+    const { shape, text } = MOODS[state];
+    return html`<g class="node ${state} ${lit}" role="button" tabindex="0" aria-label="${name}: ${text}"
+      transform="translate(${box.x - box.width / 2} ${box.y - box.height / 2})"
+      onClick=${() => open(name)} onKeyDown=${(event) => ["Enter", " "].includes(event.key) && open(name)}
+      onMouseEnter=${() => light(name)} onFocus=${() => light(name)}
+      onMouseLeave=${() => light("")} onBlur=${() => light("")}>
+      <rect width=${box.width} height=${box.height} rx="5" />
+      <text x="9" y="17" class="shape">${shape}</text><text x="25" y="17">${name}</text>
+    </g>`;
+  }
+}
+
+function pathOf(points) {
+  const [first, ...rest] = points;
+  return `M${first.x} ${first.y}${rest.map(({ x, y }) => `L${x} ${y}`).join("")}`;
+}
+
+/** All lines of one kind in one path: a robot has hundreds. */
+class Lines extends Component {
+  shouldComponentUpdate(next) {
+    return next.lines !== this.props.lines || next.chain !== this.props.chain || next.requested !== this.props.requested;
+  }
+
+  render({ lines, chain, requested }) {
+    const kinds = { needs: "", requests: "", "needs lit": "", "requests lit": "" };
+    for (const { from, to, points } of lines) {
+      const kind = requested.has(`${from} ${to}`) ? "requests" : "needs";
+      kinds[chain?.has(from) && chain.has(to) ? `${kind} lit` : kind] += pathOf(points);
+    }
+    return html`<g>${Object.entries(kinds).map(([kind, path]) => html`<path key=${kind} class=${kind} d=${path} />`)}</g>`;
+  }
+}
+
+/** Boxes and lines of a graph, placed by a worker; null until they are. */
+function usePlaces(nodes, edges) {
+  const [places, setPlaces] = useState(null);
+  const worker = useRef(null);
+  const asked = useRef(0);
+  useEffect(() => {
+    worker.current = new Worker("/page/layout.js");
+    worker.current.onmessage = ({ data }) => data.number === asked.current && setPlaces(data);
+    return () => worker.current.terminate();
+  }, []);
+  useEffect(() => {
+    asked.current += 1;
+    worker.current.postMessage({ nodes, edges, number: asked.current });
+  }, [nodes, edges]);
+  return places;
+}
+
+export function Graph({ open }) {
+  const { graph, services, status } = useStore("graph", "services", "status");
+  const [lit, setLit] = useState("");
+  const [all, setAll] = useState(true);
+  const shown = useMemo(() => {
+    const edges = graph.edges.filter((edge) => edge.kind !== "uses");
+    const used = new Set(edges.flatMap((edge) => [edge.from, edge.to]));
+    const nodes = graph.services.filter((name) => services[name]?.state !== "meta" || used.has(name));
+    const kept = all ? nodes : nodes.filter((name) => services[name]?.wanted);
+    const names = new Set(kept);
+    const live = edges.filter((edge) => names.has(edge.from) && names.has(edge.to));
+    const requested = new Set(live.filter((edge) => edge.kind === "requests").map((edge) => `${edge.from} ${edge.to}`));
+    return { nodes: kept, edges: live.map((edge) => [edge.from, edge.to]), requested };
+  }, [graph, all, Object.keys(services).length, all ? "" : Object.values(services).filter((s) => s.wanted).map((s) => s.service).join()]);
+  const places = usePlaces(shown.nodes, shown.edges);
+  const chain = useMemo(() => (lit ? chainOf(lit, shown.edges) : null), [lit, shown]);
+  const count = useGradually(shown.nodes.length, 15);
+  if (!status) return html`<p class="quiet">Waiting for the robot.</p>`;
+  return html`<figure class="graph">
+    <figcaption>Who needs and requests whom
+      <label><input type="checkbox" checked=${!all} onChange=${() => setAll(!all)} /> only what is wanted</label>
+    </figcaption>
+    <div class="scroll" tabindex="0" role="region" aria-label="Graph of services">
+      ${places && html`<svg width=${places.width} height=${places.height} class=${chain ? "dimmed" : ""} role="group"
+          aria-label="Graph of needs and requests">
+        <${Lines} lines=${places.lines} chain=${chain} requested=${shown.requested} />
+        ${shown.nodes.slice(0, count).map((name) => places.boxes[name] && html`<${Node} key=${name} name=${name} box=${places.boxes[name]}
+          state=${mood(services[name])} lit=${chain?.has(name) ? "lit" : ""} open=${open} light=${setLit} />`)}
+      </svg>`}
+    </div>
+  </figure>`;
+}

@@ -1,0 +1,270 @@
+// The robot over time: one lane for each service, the requests above, CPU and memory below, all on one axis.
+
+import { Component, html, useEffect, useMemo, useRef, useState } from "/page/vendor/preact.js";
+import uPlot from "/page/vendor/uplot.js";
+import { call, clock, encode, state, useStore } from "/page/store.js";
+
+const TURN = 2000;
+const SINGLE = 40;
+const ROW = 24;
+const SHOWN = 30;
+const LABEL = 150;
+const RANGES = [["5 min", 300], ["30 min", 1800], ["3 h", 10800], ["24 h", 86400]];
+const STATES = { ready: "ready", running: "starting", restarting: "failing", paused: "idle", inactive: "idle",
+  created: "stopped", exited: "stopped", dead: "failing", none: "none" };
+
+const ms = (time) => Date.parse(time);
+
+/** The range that is shown, in ms. It follows the present until a person zooms or pans. */
+function useRange() {
+  const [range, setRange] = useState({ length: 300_000, end: null });
+  const [now, setNow] = useState(Date.now());
+  useEffect(() => {
+    const timer = setInterval(() => setNow(Date.now()), 1000);
+    return () => clearInterval(timer);
+  }, []);
+  const end = range.end ?? now;
+  const zoom = (factor, at = 1) => {
+    const length = Math.min(86_400_000 * 7, Math.max(10_000, range.length * factor));
+    const fixed = end - range.length * (1 - at);
+    setRange({ length, end: at === 1 && range.end === null ? null : Math.min(now, fixed + length * (1 - at)) });
+  };
+  const pan = (part) => setRange({ ...range, end: Math.min(now, end + part * range.length) });
+  const shown = useMemo(() => ({ begin: end - range.length, end }), [end, range.length]);
+  return { shown, begin: shown.begin, end, live: range.end === null, zoom, pan, set: setRange };
+}
+
+/** A number that grows every few seconds: what changes many times a second is not asked for as often. */
+function useTurn() {
+  const [turn, set] = useState(0);
+  useEffect(() => {
+    const timer = setInterval(() => set((before) => before + 1), TURN);
+    return () => clearInterval(timer);
+  }, []);
+  return turn;
+}
+
+/** The spans of some services. Those that changed are asked for again, a few at a time. */
+function useSpans(names, since, turn) {
+  const { services } = state;
+  const [spans, setSpans] = useState({});
+  const known = useRef({});
+  useEffect(() => {
+    const key = names.map((name) => `${services[name]?.state} ${services[name]?.health} ${services[name]?.incarnation}`);
+    let current = true;
+    const due = names.filter((name, index) => known.current[name] !== key[index] + since);
+    const next = async () => {
+      while (current && due.length) {
+        const name = due.shift();
+        try {
+          const told = await call("GET", `/v1/timeline/${encode(name)}?since=${encode(new Date(since).toISOString())}`);
+          known.current[name] = key[names.indexOf(name)] + since;
+          if (current) setSpans((before) => ({ ...before, [name]: told.spans }));
+        } catch {
+          return; // the frame of the page says that rorg does not answer
+        }
+      }
+    };
+    next();
+    next();
+    return () => {
+      current = false;
+    };
+  }, [names.join(), since, turn]);
+  return spans;
+}
+
+function useRequested(since, turn) {
+  const [requests, setRequests] = useState([]);
+  useEffect(() => {
+    let current = true;
+    call("GET", `/v1/requested?since=${encode(new Date(since).toISOString())}`).then(
+      (told) => current && setRequests(told.requests),
+      () => {},
+    );
+    return () => {
+      current = false;
+    };
+  }, [since, turn]);
+  return requests;
+}
+
+/** One bar. Its text says all that it shows, so it needs no mouse. */
+function Bar({ kind, begin, end, range, width, text, onClick }) {
+  const scale = width / (range.end - range.begin);
+  const left = Math.max(0, (begin - range.begin) * scale);
+  const right = Math.min(width, (end - range.begin) * scale);
+  if (right <= left) return null;
+  return html`<rect class="bar ${kind}" x=${left} y="4" width=${Math.max(2, right - left)} height=${ROW - 8} rx="2"
+    onClick=${onClick}><title>${text}</title></rect>`;
+}
+
+/** Many bars as one path for each kind, at most one bar for each pixel. */
+function Bars({ drawn, range, width }) {
+  const scale = width / (range.end - range.begin);
+  const paths = {};
+  let done = -1;
+  for (const span of drawn) {
+    const left = Math.max(0, Math.floor((ms(span.begin) - range.begin) * scale), done);
+    const right = Math.min(width, Math.ceil(((span.end ? ms(span.end) : range.end) - range.begin) * scale));
+    if (right <= left) continue;
+    const kind = STATES[span.state];
+    paths[kind] = `${paths[kind] ?? ""}M${left} 4H${right}V${ROW - 4}H${left}Z`;
+    done = right;
+  }
+  return Object.entries(paths).map(([kind, path]) => html`<path key=${kind} class="bar ${kind}" d=${path} />`);
+}
+
+class Lane extends Component {
+  shouldComponentUpdate(next) {
+    return ["spans", "range", "width"].some((name) => next[name] !== this.props[name]);
+  }
+
+  render(props) {
+    return drawLane(props);
+  }
+}
+
+function drawLane({ name, spans, range, width, open }) {
+  const known = (spans ?? []).filter((span) => STATES[span.state] && STATES[span.state] !== "none");
+  const drawn = known.filter((span) => ms(span.begin) < range.end && (!span.end || ms(span.end) > range.begin));
+  const told = (span) => `${name} ${span.state} from ${clock(span.begin)}${span.end ? ` to ${clock(span.end)}` : ""}: ${span.why}`;
+  return html`<div class="lane" role="row">
+    <div role="rowheader" class="name"><button class="link" onClick=${() => open(name)}>${name}</button></div>
+    <div role="cell"><svg width=${width} height=${ROW} role="img"
+      aria-label=${drawn.length ? told(drawn.at(-1)) : `${name}: nothing on record`}>
+      ${drawn.length > SINGLE ? html`<${Bars} drawn=${drawn} range=${range} width=${width} />` : drawn.map((span) => html`<${Bar} key=${span.begin + span.state} kind=${STATES[span.state]} begin=${ms(span.begin)}
+        end=${span.end ? ms(span.end) : range.end} range=${range} width=${width} text=${told(span)} onClick=${() => open(name)} />`)}
+    </svg></div></div>`;
+}
+
+function Requests({ requests, range, width }) {
+  const rows = useMemo(() => {
+    const seen = requests.map((request) => ({
+      ...request,
+      from: ms(request.begin ?? request.at),
+      to: request.end ? ms(request.end) : Infinity,
+    }));
+    return seen.filter((one) => one.to >= range.begin && one.from <= range.end).slice(-12);
+  }, [requests, Math.floor(range.begin / 1000), Math.floor(range.end / 1000)]);
+  return html`<div role="table" aria-label="Requests" class="lanes">
+    ${rows.map((one) => {
+      const text = `${one.services.join(", ")} for ${one.requester}${one.reason ? `: ${one.reason}` : ""}`;
+      return html`<div class="lane" role="row" key=${one.requester + one.id + one.from}>
+        <div role="rowheader" class="name">${one.requester}</div>
+        <div role="cell"><svg width=${width} height=${ROW} role="img" aria-label=${text}>
+          <${Bar} kind="request" begin=${one.from} end=${Math.min(one.to, range.end)} range=${range} width=${width} text=${text} />
+        </svg></div></div>`;
+    })}
+    ${!rows.length && html`<p class="quiet" role="row"><span role="cell">No requests in this time.</span></p>`}
+  </div>`;
+}
+
+/** CPU in cores and memory in GiB, by the samples that the page has. */
+function Usage({ range, width }) {
+  const { samples } = useStore("samples");
+  const place = useRef(null);
+  const plot = useRef(null);
+  useEffect(() => {
+    const style = getComputedStyle(document.documentElement);
+    const colour = (name) => style.getPropertyValue(name).trim();
+    const axis = { stroke: colour("--text"), grid: { stroke: colour("--line") }, ticks: { stroke: colour("--line") } };
+    plot.current = new uPlot(
+      {
+        width: Math.max(200, width + LABEL),
+        height: 160,
+        cursor: { drag: { x: false, y: false } },
+        legend: { show: true, live: false },
+        scales: { x: { auto: false }, memory: {} },
+        axes: [
+          { ...axis, values: (_, splits) => splits.map((at) => clock(at * 1000)), space: 80 },
+          { ...axis, label: "CPU, cores", labelSize: 20, size: LABEL / 2 - 20 },
+          { ...axis, scale: "memory", side: 3, label: "memory, GiB", labelSize: 20, size: LABEL / 2 - 20, grid: { show: false } },
+        ],
+        padding: [8, 0, 0, 0],
+        series: [{}, { label: "CPU", stroke: colour("--ready"), width: 2 }, { label: "memory", scale: "memory", stroke: colour("--request"), width: 2, dash: [6, 3] }],
+      },
+      [[], [], []],
+      place.current,
+    );
+    return () => plot.current.destroy();
+  }, [width]);
+  useEffect(() => {
+    const pairs = samples.slice(1).map((sample, index) => [samples[index], sample]);
+    const cores = pairs.map(([a, b]) => Math.max(0, (b.machine.cpu_seconds - a.machine.cpu_seconds) / Math.max(0.1, b.at - a.at)));
+    plot.current.setData([pairs.map(([, b]) => b.at), cores, pairs.map(([, b]) => b.machine.memory / 2 ** 30)], false);
+    plot.current.setScale("x", { min: range.begin / 1000, max: range.end / 1000 });
+  }, [samples, range.begin, range.end, width]);
+  return html`<div ref=${place} class="usage" role="img" aria-label="CPU and memory of the machine over time"></div>`;
+}
+
+function useWidth() {
+  const [width, setWidth] = useState(600);
+  const place = useRef(null);
+  useEffect(() => {
+    const observer = new ResizeObserver(([entry]) => setWidth(Math.max(120, Math.floor(entry.contentRect.width) - LABEL - 8)));
+    observer.observe(place.current);
+    return () => observer.disconnect();
+  }, []);
+  return [place, width];
+}
+
+function Events({ range, jump, open }) {
+  const { events } = useStore("events");
+  const shown = events.filter((event) => ms(event.at) >= range.begin && ms(event.at) <= range.end).slice(-40).reverse();
+  return html`<ul class="events scroll" tabindex="0" aria-label="Events">${shown.map(
+    (event) => html`<li key=${event.seq}><button class="link" onClick=${() => jump(ms(event.at))}>${clock(event.at)}</button>${" "}
+      ${event.service ? html`<button class="link" onClick=${() => open(event.service)}>${event.message}</button>` : event.message}</li>`,
+  )}</ul>`;
+}
+
+/** The names of all services as a text, which changes only if they do. */
+function useNames() {
+  const [names, set] = useState("");
+  const turn = useTurn();
+  useEffect(() => set(Object.keys(state.services).sort().join()), [turn]);
+  return names;
+}
+
+export function Lanes({ open }) {
+  const count = useNames();
+  const range = useRange();
+  const [place, width] = useWidth();
+  const [top, setTop] = useState(0);
+  const turn = useTurn();
+  const names = useMemo(() => Object.values(state.services).filter((s) => s.state !== "meta").map((s) => s.service).sort(), [count]);
+  const first = Math.max(0, Math.min(names.length - SHOWN, Math.floor(top / ROW) - 3));
+  const visible = names.slice(first, first + SHOWN);
+  // Steps of a part of the range, so that a lane is not asked for again at every second.
+  const step = Math.max(60_000, (range.end - range.begin) / 2);
+  const since = Math.floor(range.begin / step) * step - step;
+  const spans = useSpans(visible, since, turn);
+  const requests = useRequested(since, turn);
+  const wheel = (event) => {
+    if (!event.ctrlKey && !event.shiftKey) return;
+    event.preventDefault();
+    if (event.shiftKey) range.pan(Math.sign(event.deltaY || event.deltaX) * 0.1);
+    else range.zoom(event.deltaY > 0 ? 1.25 : 0.8, 0.5);
+  };
+  const jump = (at) => range.set({ length: 60_000, end: Math.min(Date.now(), at + 30_000) });
+  return html`<div class="time" ref=${place} onWheel=${wheel}>
+    <div class="buttons" role="group" aria-label="Time">
+      ${RANGES.map(([text, length]) => html`<button key=${text} onClick=${() => range.set({ length: length * 1000, end: null })}>${text}</button>`)}
+      <button onClick=${() => range.pan(-0.5)} aria-label="Earlier">←</button>
+      <button onClick=${() => range.pan(0.5)} aria-label="Later">→</button>
+      <button onClick=${() => range.zoom(0.5, 0.5)} aria-label="Zoom in">+</button>
+      <button onClick=${() => range.zoom(2, 0.5)} aria-label="Zoom out">−</button>
+      <button onClick=${() => range.set({ length: range.end - range.begin, end: null })} aria-pressed=${range.live}>Live</button>
+      <span class="quiet">${clock(range.begin)} to ${clock(range.end)}</span>
+    </div>
+    <h2>Requests</h2><${Requests} requests=${requests} range=${range} width=${width} />
+    <h2>Services</h2>
+    <div class="scroll lanes-scroll" tabindex="0" role="region" aria-label="Lanes of services" onScroll=${(event) => setTop(event.target.scrollTop)}>
+      <div role="table" aria-label="Services over time" class="lanes" style=${{ height: `${names.length * ROW}px`, paddingTop: `${first * ROW}px` }}>
+        ${visible.map((name) => html`<${Lane} key=${name} name=${name} spans=${spans[name]} range=${range.shown} width=${width} open=${open} />`)}
+      </div>
+    </div>
+    <h2>CPU and memory</h2><${Usage} range=${range} width=${width} />
+    <h2>Events</h2><${Events} range=${range} jump=${jump} open=${open} />
+  </div>`;
+}

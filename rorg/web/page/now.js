@@ -1,0 +1,123 @@
+// What runs now: the graph of needs and requests, a table of services, and what the machine is busy with.
+
+import { Component, html, useMemo, useState } from "/page/vendor/preact.js";
+import { bytes, MOODS, mood, seconds, usage, useGradually, useStore } from "/page/store.js";
+import { ask } from "/page/actions.js";
+import { Graph } from "/page/graph.js";
+
+const COLUMNS = [
+  ["name", "Service", (row) => row.service.service],
+  ["state", "State", (row) => Object.keys(MOODS).indexOf(mood(row.service))],
+  ["cpu", "CPU", (row) => -(row.use?.cpu ?? -1)],
+  ["memory", "Memory", (row) => -(row.use?.memory ?? -1)],
+  ["restarts", "Restarts", (row) => -row.service.crashes],
+  ["why", "Why", (row) => row.service.why],
+];
+
+/** One row. It is drawn again only if its service or its use changed: a robot has 300 of them. */
+class Row extends Component {
+  shouldComponentUpdate(next) {
+    return next.service !== this.props.service || next.cpu !== this.props.cpu || next.memory !== this.props.memory;
+  }
+
+  render({ service, cpu, memory, open }) {
+    const one = mood(service);
+    return html`<tr class=${one}>
+      <th scope="row"><button class="link" onClick=${() => open(service.service)}>${service.service}</button>
+        ${service.machine && html`<span class="quiet">@${service.machine}</span>`}</th>
+      <td><span class="shape" aria-hidden="true">${MOODS[one].shape}</span> ${MOODS[one].text}</td>
+      <td class="number">${cpu}</td>
+      <td class="number">${memory}</td>
+      <td class="number">${service.crashes || ""}</td>
+      <td class="why">${service.why}${service.message && html` <span class="message">${service.message}</span>`}</td>
+    </tr>`;
+  }
+}
+
+const ROW = 30;
+const SHOWN = 40;
+
+function Table({ open }) {
+  const { services } = useStore("services", "samples");
+  const [filter, setFilter] = useState("");
+  const [by, setBy] = useState("state");
+  const [top, setTop] = useState(0);
+  const use = usage();
+  const key = COLUMNS.find(([name]) => name === by)[2];
+  const words = filter.toLowerCase().split(/\s+/).filter(Boolean);
+  const rows = Object.values(services)
+    .filter((service) => service.state !== "meta")
+    .filter((service) => {
+      const text = `${service.service} ${mood(service)} ${service.machine} ${service.why}`.toLowerCase();
+      return words.every((word) => text.includes(word));
+    })
+    .map((service) => ({ service, use: use[service.service] }))
+    .sort((a, b) => {
+      const [one, other] = [key(a), key(b)];
+      return one < other ? -1 : one > other ? 1 : a.service.service < b.service.service ? -1 : 1;
+    });
+  // Only the rows that can be seen, between two that take the place of the others.
+  const first = Math.max(0, Math.min(rows.length - SHOWN, Math.floor(top / ROW) - 5));
+  const last = Math.min(rows.length, first + useGradually(SHOWN, 10));
+  const space = (count) => count > 0 && html`<tr aria-hidden="true" style=${{ height: `${count * ROW}px` }}></tr>`;
+  return html`<div class="services">
+    <label class="filter">Filter <input type="search" value=${filter} placeholder="name, state, machine"
+      onInput=${(event) => setFilter(event.target.value)} /></label>
+    <div class="scroll" tabindex="0" role="region" aria-label="Table of services"
+      onScroll=${(event) => setTop(event.target.scrollTop)}>
+      <table aria-rowcount=${rows.length + 1}>
+        <caption class="hidden">Services</caption>
+        <thead><tr>${COLUMNS.map(
+          ([name, title]) => html`<th key=${name} scope="col" aria-sort=${by === name ? "ascending" : undefined}>
+            <button class="link" onClick=${() => setBy(name)}>${title}</button></th>`,
+        )}</tr></thead>
+        <tbody>${space(first)}${rows.slice(first, last).map(
+          ({ service, use: one }) => html`<${Row} key=${service.service} service=${service} open=${open}
+            cpu=${one ? one.cpu.toFixed(2) : ""} memory=${one ? bytes(one.memory) : ""} />`,
+        )}${space(rows.length - last)}</tbody>
+      </table>
+      ${!rows.length && html`<p class="quiet">No service matches.</p>`}
+    </div>
+  </div>`;
+}
+
+function Facts() {
+  const { status, samples, readOnly } = useStore("status", "samples");
+  if (!status) return null;
+  const [before, now] = samples.slice(-2).map((sample) => sample.machine);
+  const passed = now ? samples.at(-1).at - samples.at(-2).at : 0;
+  const cpu = passed > 0 ? (now.cpu_seconds - before.cpu_seconds) / passed : 0;
+  const machine = now ?? before;
+  const live = status.requests.filter((request) => !request.standing);
+  return html`<div class="facts">
+    <section aria-labelledby="machine"><h2 id="machine">Machine</h2>
+      ${machine && html`<p>CPU ${cpu.toFixed(2)} of ${machine.cores} cores, memory ${bytes(machine.memory)} of
+        ${" "}${bytes(machine.memory_total)}</p>
+        <p>waiting for CPU ${Math.round(machine.cpu_some)} %, for memory ${Math.round(machine.memory_some)} %</p>`}
+      <p>${status.pressure.budget ? `budget ${JSON.stringify(status.pressure.budget)}` : "no budget"};
+        ${" "}pressure: ${status.pressure.reason || "none"}</p>
+    </section>
+    <section aria-labelledby="requests"><h2 id="requests">Requests</h2>
+      <ul>${live.map(
+        (request) => html`<li key=${request.requester + request.id}><b>${request.services.join(", ")}</b> by
+          ${" "}${request.requester} <span class="quiet">${request.id}${request.reason ? `, ${request.reason}` : ""}
+          ${request.expires_in != null ? `, ${seconds(request.expires_in)} left` : ""}</span>
+          ${" "}${!readOnly && html`<button onClick=${() => ask.release(request)}
+            aria-label=${`Release ${request.id}`}>Release</button>`}</li>`,
+      )}</ul>
+      ${!live.length && html`<p class="quiet">Nobody requests anything.</p>`}
+    </section>
+    <section aria-labelledby="waits"><h2 id="waits">What rorg does and waits for</h2>
+      <ul>${status.plan.actions.map((one, index) => html`<li key=${index}>${one.verb} ${one.service}
+          <span class="quiet"> ${one.reason}</span></li>`)}
+        ${status.plan.waitings.map((one, index) => html`<li key=${`w${index}`}>${one.service} waits: ${one.reason}</li>`)}
+      </ul>
+      ${!status.plan.actions.length && !status.plan.waitings.length && html`<p class="quiet">Nothing to do.</p>`}
+    </section>
+  </div>`;
+}
+
+export function Now({ open }) {
+  const table = useMemo(() => html`<${Table} open=${open} />`, []);
+  return html`<${Graph} open=${open} /><${Facts} />${table}`;
+}

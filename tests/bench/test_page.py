@@ -1,0 +1,119 @@
+"""The page with 300 services and 50 events a second: how long it blocks, what it keeps, and what it costs the loop.
+PAGE_MINUTES=10 for the long look at its memory."""
+
+from __future__ import annotations
+
+import os
+import statistics
+import threading
+import time
+
+import psutil
+import pytest
+from conftest import wait_for
+from page_browser import Ui, Watched, browser
+from rorg_process import RorgProcess
+
+COUNT, RATE = 300, 50
+MINUTES = float(os.environ.get("PAGE_MINUTES", "0.5"))
+LAYERS = 6
+
+
+def services() -> dict[str, dict]:
+    """Six layers, each service with two needs in the layer below."""
+    made: dict[str, dict] = {}
+    for n in range(COUNT):
+        layer, place = divmod(n, COUNT // LAYERS)
+        below = (layer - 1) * (COUNT // LAYERS)
+        needs = [f"s{below + (place + k) % (COUNT // LAYERS):03}" for k in (0, 7)] if layer else []
+        made[f"s{n:03}"] = {"needs": needs, "always_on": n < 5}
+    return made
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory):
+    made = RorgProcess(tmp_path_factory.mktemp("page"), services())
+    made.start()
+    wait_for(lambda: os.path.exists(made.socket()), 60, "rorg to answer")
+    wait_for(lambda: made.client().plan()["actions"] == [], 120, "all to have containers")
+    yield made
+    made.close()
+
+
+class Busy:
+    """Makes so many events a second: requests that come and go."""
+
+    def __init__(self, robot: RorgProcess) -> None:
+        self.client, self.made, self.ended = robot.client(), 0, threading.Event()
+        threading.Thread(target=self._run, daemon=True).start()
+
+    def _run(self) -> None:
+        began = time.monotonic()
+        while not self.ended.is_set():
+            self.client.call("PUT", "/v1/requests/busy", {"services": ["s000"], "reason": f"number {self.made}"})
+            self.client.release("busy")
+            self.made += 2
+            self.ended.wait(max(0.0, began + self.made / RATE - time.monotonic()))
+
+    def __enter__(self) -> Busy:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.ended.set()
+
+
+def cores(robot: RorgProcess, seconds: float) -> float:
+    """CPU of the loop's process, in cores."""
+    process = psutil.Process(robot.process.pid)
+    before, began = sum(process.cpu_times()[:2]), time.monotonic()
+    time.sleep(seconds)
+    return (sum(process.cpu_times()[:2]) - before) / (time.monotonic() - began)
+
+
+LONG = """() => { window.long = []; new PerformanceObserver(list => {
+  for (const one of list.getEntries())
+    window.long.push([document.location.hash, one.startTime - (window.turned ?? 0) < 1000, Math.round(one.duration)]);
+}).observe({type: 'longtask'}); }"""
+USED = "async () => { gc(); return performance.memory.usedJSHeapSize; }"
+
+
+def test_a_page_of_300_services_stays_smooth_and_small(robot):
+    ui = Ui(robot.socket())
+    with browser("--js-flags=--expose-gc", "--enable-precise-memory-info") as chromium, Busy(robot) as busy:
+        watched = Watched(chromium.new_context(viewport={"width": 1400, "height": 1000}), ui.address)
+        watched.page.wait_for_selector(f".node >> nth={COUNT - 1}")
+        time.sleep(3)  # what it takes to begin is not a frame that anyone waits for
+        watched.page.evaluate(LONG)
+        began = time.monotonic()
+        sizes, ended = [], time.monotonic() + 60 * MINUTES
+        while time.monotonic() < ended:
+            for view in ("now", "time", "now/s299"):
+                watched.page.evaluate("window.turned = performance.now()")
+                watched.view(view)
+                time.sleep(6)
+            sizes.append(watched.page.evaluate(USED))
+        long = watched.page.evaluate("window.long")
+        turns, steady = ([(view, took) for view, turned, took in long if turned is one] for one in (True, False))
+        print(f"page: {busy.made / (time.monotonic() - began):.0f} events a second; tasks over 50 ms: {steady}")
+        print(f"page: within a second of showing another view: {turns}")
+        print(f"page: heap {sizes[0] / 2**20:.1f} MiB at first, {sizes[-1] / 2**20:.1f} MiB after {MINUTES:g} minutes")
+        assert watched.complaints == []
+        half = len(sizes) // 2
+        if half > 5:
+            assert statistics.median(sizes[half:]) < 1.2 * statistics.median(sizes[1:half])
+    ui.close()
+    assert max((took for _, took in steady), default=0) < 150, "on two cores that robot, browser and test share"
+
+
+def test_five_pages_cost_the_loop_little(robot):
+    with Busy(robot):
+        alone = cores(robot, 10)
+        ui = Ui(robot.socket())
+        with browser() as chromium:
+            for _ in range(5):
+                Watched(chromium.new_context(), ui.address)
+            time.sleep(3)
+            beside = cores(robot, 10)
+        ui.close()
+    print(f"page: the loop takes {100 * alone:.1f} % of a core alone, and {100 * beside:.1f} % with five pages")
+    assert beside - alone < 0.03
