@@ -181,7 +181,18 @@ def test_what_was_is_there_over_time(robot, watched):
     client.release("t")
     node(watched, "tour", "stopped")
     watched.view("time")
-    watched.page.wait_for_selector('.lanes [aria-label^="tour for developer: a visitor"], .lanes svg .request')
+    request = watched.page.locator('.lanes [aria-label^="tour for developer"] .bar')
+    request.wait_for()
+    watched.page.click("button[aria-label='Zoom in']")
+
+    def gap() -> float:
+        """Between its end and the present, in points."""
+        bar, lanes = request.bounding_box(), watched.page.locator(".lanes >> nth=0").bounding_box()
+        return float(lanes["x"] + lanes["width"] - bar["x"] - bar["width"])
+
+    first = gap()
+    wait_for(lambda: gap() > first + 8, 20, "the time since its release to grow")
+    watched.page.click("button:text-is('5 min')")
     watched.page.wait_for_selector('.lane svg[aria-label^="tour exited"]')
     bars = watched.page.locator('.lane:has(button:text-is("tour")) .bar')
     assert "ready" in {bars.nth(n).get_attribute("class").split()[-1] for n in range(bars.count())}

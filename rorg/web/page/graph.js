@@ -3,6 +3,8 @@
 import { Component, html, useEffect, useMemo, useRef, useState } from "/page/vendor/preact.js";
 import { MOODS, mood, useGradually, useStore } from "/page/store.js";
 
+const SMALLEST = 0.5;
+
 /** Everything that a node leads to, and everything that leads to it. */
 function chainOf(name, edges) {
   const chain = new Set([name]);
@@ -76,10 +78,25 @@ function usePlaces(nodes, edges) {
   return places;
 }
 
+/** The width that there is for an element. */
+function useRoom() {
+  const [width, setWidth] = useState(800);
+  const [element, setElement] = useState(null);
+  useEffect(() => {
+    if (!element) return undefined;
+    const observer = new ResizeObserver(([entry]) => setWidth(Math.floor(entry.contentRect.width) - 4));
+    observer.observe(element);
+    return () => observer.disconnect();
+  }, [element]);
+  return [setElement, width];
+}
+
 export function Graph({ open }) {
   const { graph, services, status } = useStore("graph", "services", "status");
   const [lit, setLit] = useState("");
   const [all, setAll] = useState(true);
+  const [scale, setScale] = useState(0);
+  const [place, room] = useRoom();
   const shown = useMemo(() => {
     const edges = graph.edges.filter((edge) => edge.kind !== "uses");
     const used = new Set(edges.flatMap((edge) => [edge.from, edge.to]));
@@ -94,12 +111,18 @@ export function Graph({ open }) {
   const chain = useMemo(() => (lit ? chainOf(lit, shown.edges) : null), [lit, shown]);
   const count = useGradually(shown.nodes.length, 15);
   if (!status) return html`<p class="quiet">Waiting for the robot.</p>`;
-  return html`<figure class="graph">
+  // Without a scale that somebody chose, the whole width fits as long as it can be read.
+  const shrunk = scale || (places?.width ? Math.min(1, Math.max(SMALLEST, room / places.width)) : 1);
+  const zoom = (factor) => () => setScale(Math.min(2, Math.max(0.25, shrunk * factor)));
+  return html`<figure class="graph" ref=${place}>
     <figcaption>Who needs and requests whom
       <label><input type="checkbox" checked=${!all} onChange=${() => setAll(!all)} /> only what is wanted</label>
+      <span role="group" aria-label="Size"><button onClick=${zoom(0.8)} aria-label="Smaller">−</button>
+        <button onClick=${zoom(1.25)} aria-label="Larger">+</button> <button onClick=${() => setScale(0)}>Fit</button></span>
     </figcaption>
     <div class="scroll" tabindex="0" role="region" aria-label="Graph of services">
-      ${places && html`<svg width=${places.width} height=${places.height} class=${chain ? "dimmed" : ""} role="group"
+      ${places && html`<svg width=${places.width * shrunk} height=${places.height * shrunk}
+          viewBox="0 0 ${places.width || 1} ${places.height || 1}" class=${chain ? "dimmed" : ""} role="group"
           aria-label="Graph of needs and requests">
         <${Lines} lines=${places.lines} chain=${chain} requested=${shown.requested} />
         ${shown.nodes.slice(0, count).map((name) => places.boxes[name] && html`<${Node} key=${name} name=${name} box=${places.boxes[name]}

@@ -138,25 +138,32 @@ function drawLane({ name, spans, range, width, open }) {
     </svg></div></div>`;
 }
 
+/** The requests by who made them and their id, each with its bars: a record without services is a release. */
+function barsOf(requests) {
+  const rows = new Map();
+  for (const { at, requester, id, services, reason } of requests) {
+    const key = `${requester} ${id}`;
+    const row = rows.get(key) ?? { key, requester, id, bars: [] };
+    const last = row.bars.at(-1);
+    if (last && last.end === null) last.end = ms(at);
+    if (services.length) row.bars.push({ begin: ms(at), end: null, services, reason });
+    rows.set(key, row);
+  }
+  return [...rows.values()].filter((row) => row.bars.length);
+}
+
 function Requests({ requests, range, width }) {
-  const rows = useMemo(() => {
-    const seen = requests.map((request) => ({
-      ...request,
-      from: ms(request.begin ?? request.at),
-      to: request.end ? ms(request.end) : Infinity,
-    }));
-    return seen.filter((one) => one.to >= range.begin && one.from <= range.end).slice(-12);
-  }, [requests, Math.floor(range.begin / 1000), Math.floor(range.end / 1000)]);
+  const rows = useMemo(() => barsOf(requests), [requests]);
+  const seen = rows.filter((row) => row.bars.some((bar) => bar.begin < range.end && (bar.end ?? range.end) > range.begin));
+  const told = (row, bar) => `${bar.services.join(", ")} for ${row.requester}${bar.reason ? `: ${bar.reason}` : ""}`;
   return html`<div role="table" aria-label="Requests" class="lanes">
-    ${rows.map((one) => {
-      const text = `${one.services.join(", ")} for ${one.requester}${one.reason ? `: ${one.reason}` : ""}`;
-      return html`<div class="lane" role="row" key=${one.requester + one.id + one.from}>
-        <div role="rowheader" class="name">${one.requester}</div>
-        <div role="cell"><svg width=${width} height=${ROW} role="img" aria-label=${text}>
-          <${Bar} kind="request" begin=${one.from} end=${Math.min(one.to, range.end)} range=${range} width=${width} text=${text} />
-        </svg></div></div>`;
-    })}
-    ${!rows.length && html`<p class="quiet" role="row"><span role="cell">No requests in this time.</span></p>`}
+    ${seen.slice(-12).map((row) => html`<div class="lane" role="row" key=${row.key}>
+      <div role="rowheader" class="name" title=${row.key}>${row.bars.at(-1).services.join(", ")} <span class="quiet">${row.requester}</span></div>
+      <div role="cell"><svg width=${width} height=${ROW} role="img" aria-label=${told(row, row.bars.at(-1))}>
+        ${row.bars.slice(-200).map((bar) => html`<${Bar} key=${bar.begin} kind="request" begin=${bar.begin} end=${bar.end ?? range.end}
+          range=${range} width=${width} text=${told(row, bar)} />`)}
+      </svg></div></div>`)}
+    ${!seen.length && html`<p class="quiet" role="row"><span role="cell">No requests in this time.</span></p>`}
   </div>`;
 }
 
@@ -244,7 +251,7 @@ export function Lanes({ open }) {
     if (!event.ctrlKey && !event.shiftKey) return;
     event.preventDefault();
     if (event.shiftKey) range.pan(Math.sign(event.deltaY || event.deltaX) * 0.1);
-    else range.zoom(event.deltaY > 0 ? 1.25 : 0.8, 0.5);
+    else range.zoom(event.deltaY > 0 ? 1.25 : 0.8, range.live ? 1 : 0.5);
   };
   const jump = (at) => range.set({ length: 60_000, end: Math.min(Date.now(), at + 30_000) });
   return html`<div class="time" ref=${place} onWheel=${wheel}>
@@ -252,8 +259,8 @@ export function Lanes({ open }) {
       ${RANGES.map(([text, length]) => html`<button key=${text} onClick=${() => range.set({ length: length * 1000, end: null })}>${text}</button>`)}
       <button onClick=${() => range.pan(-0.5)} aria-label="Earlier">←</button>
       <button onClick=${() => range.pan(0.5)} aria-label="Later">→</button>
-      <button onClick=${() => range.zoom(0.5, 0.5)} aria-label="Zoom in">+</button>
-      <button onClick=${() => range.zoom(2, 0.5)} aria-label="Zoom out">−</button>
+      <button onClick=${() => range.zoom(0.5, range.live ? 1 : 0.5)} aria-label="Zoom in">+</button>
+      <button onClick=${() => range.zoom(2, range.live ? 1 : 0.5)} aria-label="Zoom out">−</button>
       <button onClick=${() => range.set({ length: range.end - range.begin, end: null })} aria-pressed=${range.live}>Live</button>
       <span class="quiet">${clock(range.begin)} to ${clock(range.end)}</span>
     </div>
