@@ -130,7 +130,8 @@ class Feed:
         while not self._ended.is_set():
             self._wanted.wait()
             try:
-                for event in client.events(follow=True, tail=PAST if not self._events else 0):
+                last = self._last_event()
+                for event in client.events(last, follow=True, tail=PAST if last is None else 0):
                     if "kind" in event:
                         with self._lock:
                             self._news.append(dict(event))
@@ -138,6 +139,11 @@ class Feed:
             except Error:
                 self._wake.set()
             self._ended.wait(1.0)
+
+    def _last_event(self) -> int | None:
+        with self._lock:
+            known = [*self._events, *self._news]
+        return int(known[-1]["seq"]) if known else None
 
     def _happened(self) -> Message:
         """Return the events since the last call, for all pages."""

@@ -122,7 +122,8 @@ class SwarmEngine(Inside):
             raise EngineError(error.what, why, "another container_name", "name_taken") from error
 
     def _park(self, spec: Body, more: Mapping[str, str]) -> None:
-        """Keep a spec in a config. Parking it twice is no error: rorg may have been killed in between."""
+        """Keep a spec in a config. If rorg is killed before the service has another spec, the container is both current
+        and parked; the current one counts, and remove() ends both."""
         labels = {**labels_of(spec), **more}
         container = labels[CONTAINER]
         data = base64.b64encode(json.dumps({**spec, "Labels": labels}).encode()).decode()

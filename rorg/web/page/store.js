@@ -78,7 +78,16 @@ function take(message) {
   changed(names);
 }
 
+/** Follow the feed while the page is seen: a browser has few connections for all of its tabs. */
 export function connect() {
+  let source = follow();
+  document.addEventListener("visibilitychange", () => {
+    source.close();
+    if (!document.hidden) source = follow();
+  });
+}
+
+function follow() {
   const source = new EventSource("/feed");
   source.onmessage = (event) => take(JSON.parse(event.data));
   source.addEventListener("page", (event) => {
@@ -89,6 +98,7 @@ export function connect() {
     state.lost = "the page has lost its server: `rorg ui` has ended";
     changed(["lost"]);
   };
+  return source;
 }
 
 /** A refusal of rorg: `confirm` are the services that it would affect with force. */
