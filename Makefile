@@ -57,6 +57,7 @@ soak: $(VENV)/test-installed
 corpus: $(VENV)/test-installed
 	$(BIN)/python tests/corpus.py
 
+# The page of `rorg ui` is measured for half a minute; PAGE_MINUTES=10 for how its memory grows.
 bench: $(VENV)/test-installed
 	$(BIN)/pytest tests/bench -s -o norecursedirs=x $(ARGS)
 
@@ -93,7 +94,8 @@ vm: $(VENV)/test-installed
 	CUTS=$(or $(CUTS),3) timeout 14400 $(BIN)/pytest tests/vm -s -m "not docker" -o norecursedirs=x $(ARGS)
 
 # Several computers: the rules of docs/explanation/machines.md over many random schedules (SCHEDULES), and three Docker
-# engines in networks of their own, whose links are cut. Takes 1 to 2 hours with 100,000 schedules on two cores.
+# engines in networks of their own: with an rorg each, whose links are cut; and as one Swarm, whose nodes are killed.
+# Takes 1 to 2 hours with 100,000 schedules on two cores.
 machines: $(VENV)/test-installed
 	$(BIN)/pytest -s tests/links -o norecursedirs=x $(ARGS)
 	RORG_TEST_SCHEDULES=$(or $(SCHEDULES),100000) $(BIN)/python tests/machines_world.py
