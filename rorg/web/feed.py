@@ -119,10 +119,12 @@ class Feed:
         return new
 
     def _sample(self, client: Client) -> Message:
-        usage = client.call("GET", "/v1/usage")
+        """Return what is used now. Of older samples only the machine's part is kept: the plots show no more."""
+        usage = dict(client.call("GET", "/v1/usage"))
         with self._lock:
-            self._samples = [*self._samples[-KEPT + 1 :], usage]
-        return dict(usage)
+            older = [{"at": one["at"], "machine": one["machine"], "services": {}} for one in self._samples[-1:]]
+            self._samples = [*self._samples[-KEPT + 1 : -1], *older, usage]
+        return usage
 
     def _listen(self) -> None:
         """Follow the events. Each one is a reason to look at the state."""

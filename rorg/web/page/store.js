@@ -75,6 +75,8 @@ function take(message) {
       names.push(name);
     }
   }
+  // Only the last two tell what each service uses now.
+  for (const sample of state.samples.slice(-4, -2)) sample.services = {};
   changed(names);
 }
 
