@@ -23,7 +23,8 @@ def main(rorg: str) -> None:
         context = chromium.new_context(viewport={"width": 1400, "height": 900}, color_scheme="light")
         watched = Watched(context, ui.address)
         for number in range(3):
-            client.call("PUT", "/v1/requests/visitor", {"services": ["navigation_route"], "reason": f"visitor {number + 1}"})
+            reason = f"visitor {number + 1}"
+            client.call("PUT", "/v1/requests/visitor", {"services": ["navigation_route"], "reason": reason})
             time.sleep(8)
             if number < 2:
                 client.release("visitor")
