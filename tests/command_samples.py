@@ -226,7 +226,7 @@ SAMPLES = {
             "history -n 1 -o yaml",
         ],
     ),
-    "ui": Sample(["ui --no-browser --port 99999"], Line("ui --no-browser", rorg=True)),
+    "ui": Sample(["ui --no-browser --port 99999"], Line("ui --no-browser --port 99999")),
     "fleet": Sample(["fleet status nosuch.yaml"], Line("fleet status {new}/nosuch.yaml")),
     "rollback": Sample(["rollback --print"], Line("rollback --yes")),
     "restore": Sample(["restore --at 10m"], Line("restore 2026-01-01T00:00:00Z --yes")),

@@ -113,6 +113,9 @@ def rorg(robot, folder, *words: str, code: int = 0, **more: str) -> Said:
 def shell_in(robot, folder) -> Terminal:
     """A shell for arm, once it has a prompt."""
     found = Terminal(robot, "dev", "arm", cwd=folder, columns=400, **BEHIND_SUDO)
+    # Docker 20.10 tells the shell the size of the terminal after its start, so the first prompt may be cut on its left.
+    found.expect(rb"\$ $")
+    found.type(b"\r")
     found.expect(rb"\(arm-dev\) [^$]*" + folder.name.encode() + rb"\$ $")
     return found
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import subprocess
+import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -301,7 +302,11 @@ def test_only_the_machine_any_has_a_swarm(team):
     base = team.computers["base"]
     words = ["run", str(base.tree), "--machine", "base", "--engine", "swarm", "--state-dir", str(base.folder / "other")]
     run = subprocess.Popen(
-        ["rorg", *words], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=base.environment
+        [sys.executable, "-m", "rorg", *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        env=base.environment,
     )
     try:
         assert run.stdout is not None
