@@ -14,7 +14,7 @@ from typing import Any
 
 from rorg_client import Client, Error
 
-LEAST, MOST = 0.4, 2.0
+LEAST, MOST = 1.0, 2.0
 """Seconds between two looks at the state: at least, and at most."""
 USAGE_EVERY = 2.0
 """Seconds between two looks at CPU and memory."""
