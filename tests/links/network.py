@@ -6,6 +6,12 @@ from __future__ import annotations
 import os
 import subprocess
 from collections.abc import Collection
+from typing import TYPE_CHECKING
+
+import psutil
+
+if TYPE_CHECKING:
+    from dockerd import Dockerd
 
 PREFIX = "rorg-t"
 
@@ -14,6 +20,15 @@ def run(*words: str) -> None:
     done = subprocess.run(words, capture_output=True, text=True)
     if done.returncode:
         raise RuntimeError(f"{' '.join(words)}: {done.stderr.strip()}")
+
+
+def processes_of(engine: Dockerd) -> list[psutil.Process]:
+    """An engine, and all that it runs."""
+    assert engine.process is not None
+    own = psutil.Process(engine.process.pid)
+    shims = [p for p in psutil.process_iter(["cmdline"]) if str(engine.folder) in " ".join(p.info["cmdline"] or ())]
+    found = [own, *own.children(recursive=True), *(p for s in shims for p in (s, *s.children(recursive=True)))]
+    return list({p.pid: p for p in found}.values())
 
 
 class Network:

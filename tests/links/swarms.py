@@ -11,7 +11,7 @@ import docker
 import psutil
 from conftest import wait_for
 from dockerd import Dockerd, import_base
-from network import Network
+from network import Network, processes_of
 
 PORT = 2377
 
@@ -31,29 +31,19 @@ class Node(Dockerd):
     def api(self) -> docker.APIClient:
         return docker.APIClient(self.host, version="auto", timeout=30)
 
-    def processes(self) -> list[psutil.Process]:
-        """The engine, and all that it runs."""
-        assert self.process is not None
-        children = psutil.Process(self.process.pid).children(recursive=True)
-        shims = [p for p in psutil.process_iter(["cmdline"]) if str(self.folder) in " ".join(p.info["cmdline"] or ())]
-        every = {p.pid: p for s in shims for p in (s, *s.children(recursive=True))}
-        return list(
-            {**{p.pid: p for p in children}, **every, self.process.pid: psutil.Process(self.process.pid)}.values()
-        )
-
     def kill(self) -> None:
         """Everything on this computer ends at once, as by a power cut."""
-        for process in self.processes():
+        for process in processes_of(self):
             if psutil.pid_exists(process.pid):
                 process.kill()
         self.stop(kill=True)
 
     def freeze(self) -> None:
-        for process in self.processes():
+        for process in processes_of(self):
             process.suspend()
 
     def thaw(self) -> None:
-        for process in self.processes():
+        for process in processes_of(self):
             process.resume()
 
 

@@ -20,7 +20,7 @@ import pytest
 from computers import LEASE, Computer, Team
 from conftest import wait_for
 from dockerd import Dockerd, import_base
-from network import Network
+from network import Network, processes_of
 
 NAMES = ("base", "head", "arm")
 SERVICES = {
@@ -75,16 +75,6 @@ class Engine(Dockerd):
                 found.append((began, at))
                 began = 0.0
         return [*found, *([(began, float("inf"))] if began else [])]
-
-    def processes(self) -> list[psutil.Process]:
-        """The engine, and all that it runs."""
-        assert self.process is not None
-        children = psutil.Process(self.process.pid).children(recursive=True)
-        shims = [p for p in psutil.process_iter(["cmdline"]) if str(self.folder) in " ".join(p.info["cmdline"] or ())]
-        every = {p.pid: p for s in shims for p in (s, *s.children(recursive=True))}
-        return list(
-            {**{p.pid: p for p in children}, **every, self.process.pid: psutil.Process(self.process.pid)}.values()
-        )
 
 
 class Robot:
@@ -255,7 +245,7 @@ def test_a_frozen_computer_is_unknown_and_comes_back(robot):
     base.ask("t", "tour")
     base.wait("tour")
     assert head.process is not None
-    frozen = [psutil.Process(head.process.pid), *robot.engines["head"].processes()]
+    frozen = [psutil.Process(head.process.pid), *processes_of(robot.engines["head"])]
     for process in frozen:
         process.suspend()
     wait_for(lambda: base.state("localization") == "unknown", 2 * LEASE, "the state to be unknown")
@@ -274,7 +264,7 @@ def test_a_killed_computer_comes_back(robot):
     base.ask("t", "tour")
     base.wait("tour")
     assert head.process is not None
-    for process in [psutil.Process(head.process.pid), *engine.processes()]:
+    for process in [psutil.Process(head.process.pid), *processes_of(engine)]:
         try:
             process.send_signal(signal.SIGKILL)
         except psutil.NoSuchProcess:

@@ -43,7 +43,7 @@ class File:
         return "configs" if self.mode & stat.S_IROTH else "secrets"
 
     def name(self, owner: str) -> str:
-        digest = hashlib.sha256(f"{owner}\\0{self.kind}\\0".encode() + self.data).hexdigest()
+        digest = hashlib.sha256(f"{owner}\0{self.kind}\0".encode() + self.data).hexdigest()
         return f"rorg.{digest[:40]}"
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import http.client
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
 from rorg.engines.docker.client import Client
@@ -59,14 +59,19 @@ class Managers:
     def nodes(self) -> list[dict[str, Any]]:
         """Return all nodes. Raises NoQuorum if most managers are lost: what the others say is no longer certain."""
         nodes: list[dict[str, Any]] = self.ask(lambda client: client.get("/nodes", PATIENCE))
-        states = [node["ManagerStatus"].get("Reachability") for node in nodes if node.get("ManagerStatus")]
-        if 2 * states.count("reachable") <= len(states):
-            raise NoQuorum(f"{states.count('reachable')} of {len(states)} managers answer")
+        check_quorum(nodes)
         return nodes
 
     def close(self) -> None:
         for client in self.clients:
             client.close()
+
+
+def check_quorum(nodes: Sequence[Mapping[str, Any]]) -> None:
+    """Raise NoQuorum if half of the managers or fewer are reachable."""
+    states = [node["ManagerStatus"].get("Reachability") for node in nodes if node.get("ManagerStatus")]
+    if 2 * states.count("reachable") <= len(states):
+        raise NoQuorum(f"{states.count('reachable')} of {len(states)} managers answer")
 
 
 class NoQuorum(OSError):
