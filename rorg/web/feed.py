@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from rorg_client import Client, Error
+from rorg_client import Client
 
 LEAST, MOST = 1.0, 2.0
 """Seconds between two looks at the state: at least, and at most."""
@@ -83,8 +83,8 @@ class Feed:
                 change = self._changed(client)
                 if began >= used + USAGE_EVERY:
                     used, change = began, {**change, "samples": [self._sample(client)]}
-            except Error as error:
-                change = self._merged({"lost": str(error)})
+            except Exception as error:  # without this thread, pages would show an old state as if it were the present
+                change = self._merged({"lost": str(error) or type(error).__name__})
             self._tell({**change, **self._happened()})
             self._ended.wait(max(0.0, LEAST - (time.monotonic() - began)))
 
@@ -138,7 +138,7 @@ class Feed:
                         with self._lock:
                             self._news.append(dict(event))
                         self._wake.set()
-            except Error:
+            except Exception:  # the other thread says what is wrong
                 self._wake.set()
             self._ended.wait(1.0)
 
