@@ -18,7 +18,9 @@ from rorg.cli.init import files
 
 PAGES = [ROOT / "docs/tutorial.md", ROOT / "docs/tutorial-machines.md"]
 ROS2_ROBOT = ROOT / "rorg/cli/ros2_robot"
-PREPARE = f"""set -e
+# One stream: the engine copies the two of a container each on its own, so their lines may change places.
+PREPARE = f"""exec 2>&1
+set -e
 cp /wheels/*.whl .
 git config --global user.name you
 git config --global user.email you@localhost
@@ -71,6 +73,8 @@ def test_the_wheel_holds_the_client_the_demo_and_the_first_robots(wheel):
         "rorg/cli/demo/tritonbot/manifests/services/roscore.yaml",
         "rorg/cli/demo/tritonbot/images/standin/standin",
         "rorg/cli/first_robot/services/navigation.yaml",
+        "rorg/web/page/index.html",
+        "rorg/web/page/vendor/preact.js",
         "rorg/manifest/profiles/common.yaml",
         *(f"rorg/cli/ros2_robot/{path.relative_to(ROS2_ROBOT)}" for path in files(ROS2_ROBOT)),
     ):
