@@ -21,6 +21,13 @@ def changed_keys(before: Mapping[K, Any], now: Mapping[K, Any]) -> set[K]:
     return {key for key, value in now.items() if before.get(key) is not value}
 
 
+def differing(before: Mapping[K, Any], now: Mapping[K, Any]) -> set[K]:
+    """Return keys with another value than before, and those that only one of the two has."""
+    if before is now:
+        return set()
+    return {key for key in before.keys() | now.keys() if before.get(key) != now.get(key)}
+
+
 def changed_items(before: Sequence[T], now: Sequence[T]) -> list[T]:
     """Return items that are in only one of the two sequences, by identity. If the order changed, items in both may be
     included too."""

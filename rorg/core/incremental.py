@@ -3,7 +3,7 @@ So the cost of a pass grows with the changes, and bringing up N services costs a
 
 The result is the same as a whole plan. The plan of a service depends on:
 
-- its own containers, progress, interlock and call under way;
+- its own containers, progress, interlock and call under way, and why it is wanted;
 - containers and progress of services related to it (depending_plans);
 - the plans of services before it in order;
 - everything in a Situation that concerns all services: if that changes, all are planned again.
@@ -18,16 +18,18 @@ from dataclasses import dataclass, fields, replace
 from itertools import chain
 from operator import attrgetter
 
-from rorg.core.changes import changed_keys
+from rorg.core.changes import changed_keys, differing
 from rorg.core.plan import NOTHING, Action, Plan, ServicePlan, Waiting
 from rorg.core.planner import Planner, in_order, undeclared, without_linger
+from rorg.core.ros_graph import graph_of
 from rorg.core.situation import Situation
+from rorg.core.wanted import wanted_by
 from rorg.model.objects import is_object
 
 QueueEntry = tuple[bool, bool, int, int, Action]
 """(not urgent, no driver, -priority, place, action that can begin now). Sorted, the first entry is the most
 important."""
-OWN = ("observed", "memory", "now", "interlocks", "peers")
+OWN = ("observed", "memory", "now", "interlocks", "peers", "wanted", "urgent", "priorities", "prewarmed")
 """Fields of a Situation that are compared per service; every other field concerns all services."""
 COMMON = tuple(f.name for f in fields(Situation) if f.name not in OWN)
 
@@ -106,16 +108,18 @@ def update_plan(kept: Planned | None, situation: Situation, touched: Collection[
         or _common_changed(kept.situation, situation)
     ):
         return plan_all(situation)
-    changed = _changed_progress(kept.situation, situation) | set(touched)
-    changed |= situation.peers.changed(kept.situation.peers)
+    before = kept.situation
+    changed = _changed_progress(before, situation) | set(touched) | _changed_wants(before, situation)
+    changed |= situation.peers.changed(before.peers)
+    kept = _moved(kept, situation)
     no_linger = kept.no_linger
     planner = Planner(situation, kept.places, no_linger)
-    if any(n in situation.desired.rivals for n in changed):
+    if before.wanted is not situation.wanted or any(n in situation.desired.rivals for n in changed):
         planner.no_linger = no_linger = without_linger(situation, planner.exclusive)
     planner.plans = {**kept.plans}
-    was, now = kept.situation.interlocks, situation.interlocks
+    was, now = before.interlocks, situation.interlocks
     locks = {n for n in situation.desired.interlocks if was.get(n) != now.get(n)}
-    calls = kept.situation.memory.in_flight.keys() ^ situation.memory.in_flight.keys()
+    calls = before.memory.in_flight.keys() ^ situation.memory.in_flight.keys()
     depending = {n for name in changed | calls for n in depending_plans(situation, name)}
     depending |= {n for name in changed for n in situation.desired.uses.get(name, ())}
     replanned = _replan(
@@ -160,6 +164,32 @@ def _changed_progress(before: Situation, now: Situation) -> set[str]:
     """Return the subjects whose progress changed."""
     names = changed_keys(before.memory.progress, now.memory.progress)
     return {name for name in names if name in now.desired.digests or is_object(name)}
+
+
+def _changed_wants(before: Situation, now: Situation) -> set[str]:
+    """Return the services that are wanted otherwise than before: whether, why, how urgently or with what priority. With
+    a service come all that are wanted because of it, since the chain of reasons leads through it. In a ROS graph, the
+    unwanted ones are included: one is not paused while it is connected to a wanted one."""
+    if before.wanted is now.wanted and before.prewarmed == now.prewarmed:
+        return set()
+    names = differing(before.wanted, now.wanted) | differing(before.priorities, now.priorities)
+    names |= (before.urgent ^ now.urgent) | (before.prewarmed ^ now.prewarmed)
+    names |= wanted_by(now.wanted, names)
+    if now.ros:
+        services, unwanted = now.desired.catalog.services, now.desired.digests.keys() - now.wanted.keys()
+        names |= {name for name in unwanted if graph_of(services[name]) in now.ros}
+    return names
+
+
+def _moved(kept: Planned, situation: Situation) -> Planned:
+    """Return the kept plans in the order of this situation: services that cease come before those that run."""
+    if kept.situation.wanted.keys() == situation.wanted.keys():
+        return kept
+    names = tuple(in_order(situation))
+    places = {name: place for place, name in enumerate(names)}
+    plans = {name: kept.plans[name] for name in names}
+    queue = sorted(entry for name in names if (entry := _queue_entry(plans[name], places[name])))
+    return replace(kept, names=names, places=places, plans=plans, queue=queue)
 
 
 def _replan(planner: Planner, kept: Planned, names: Collection[str]) -> tuple[str, ...]:

@@ -53,9 +53,9 @@ def without_linger(situation: Situation, exclusive: Exclusive) -> frozenset[str]
         if (
             name in situation.preempted
             or name in situation.excluded
-            or any(o in wanted for o in desired.conflicts.get(name, ()))
-            or any(n in names for n in service.needs)
-            or exclusive.contested(service)
+            or not wanted.keys().isdisjoint(desired.conflicts.get(name, ()))
+            or not names.isdisjoint(service.needs)
+            or (service.exclusive and exclusive.contested(service))
         ):
             names.add(name)
     return frozenset(names)

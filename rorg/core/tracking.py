@@ -84,7 +84,7 @@ def track(kept: Tracked | None, facts: Facts, touched: Collection[str]) -> Track
 
 def _comparable(before: Facts, now: Facts, touched: Collection[str]) -> bool:
     """Return whether everything that concerns all services is as it was."""
-    same = before.desired is now.desired and before.wanted is now.wanted and before.booted_at == now.booted_at
+    same = before.desired is now.desired and before.booted_at == now.booted_at
     elsewhere = {**before.observed.elsewhere, **now.observed.elsewhere}
     return same and all(n in now.desired.digests or n in elsewhere for n in touched)
 
@@ -103,6 +103,7 @@ def _to_review(kept: Tracked, facts: Facts, touched: Collection[str]) -> set[str
     names |= {name for name, _ in results}
     names |= before.memory.in_flight.keys() ^ facts.memory.in_flight.keys()
     names |= {*before.unplugged} ^ {*facts.unplugged}
+    names |= before.wanted.keys() ^ facts.wanted.keys()
     names.update(touched, kept.volatile)
     for name in touched:
         names.update(desired.dependants[name])

@@ -93,20 +93,28 @@ def urgent(catalog: Catalog, wanted_now: Wanted) -> frozenset[str]:
     return frozenset(closure(catalog.services, asked))
 
 
-def wanted_without(wanted_now: Wanted, name: str) -> frozenset[str]:
-    """Return what would still be wanted without this service."""
-    causes: dict[str, list[str]] = {}
+def wanted_by(wanted_now: Wanted, names: Collection[str]) -> set[str]:
+    """Return the services that are wanted because of these, directly or through others. They include the named ones
+    themselves if they are in a ring."""
+    because: dict[str, list[str]] = {}
+    """A service -> those that it wants; "" -> those that are wanted without another one."""
     for service, reasons in wanted_now.items():
         for cause in reasons:
-            causes.setdefault(cause.by, []).append(service)
-    # The cause of a root has no `by`.
-    reached, pending = set[str](), [""] if name in wanted_now else []
+            because.setdefault(cause.by, []).append(service)
+    reached, pending = set[str](), list(names)
     while pending:
-        for service in causes.get(pending.pop(), ()):
-            if service != name and service not in reached:
+        for service in because.get(pending.pop(), ()):
+            if service not in reached:
                 reached.add(service)
                 pending.append(service)
-    return frozenset(reached if name in wanted_now else wanted_now)
+    return reached
+
+
+def wanted_without(wanted_now: Wanted, name: str) -> frozenset[str]:
+    """Return what would still be wanted without this service."""
+    if name not in wanted_now:
+        return frozenset(wanted_now)
+    return frozenset(wanted_by({n: causes for n, causes in wanted_now.items() if n != name}, [""]))
 
 
 def chain(wanted_now: Wanted, name: str) -> list[tuple[str, Cause]]:

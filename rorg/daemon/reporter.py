@@ -14,6 +14,7 @@ from rorg.core.observed import Observed
 from rorg.core.requests import MOST_TOLD
 from rorg.core.ros_graph import Takeover
 from rorg.core.service_events import NONE, losses, ready_runs, state_changes
+from rorg.core.wanted import Wanted
 from rorg.daemon.recorder import Recorder
 from rorg.daemon.snapshot import pressure_json
 from rorg.daemon.tree import Tree
@@ -41,6 +42,7 @@ class Reporter:
         """Service -> its state in the journal; None before anything is known."""
         self._risks: set[tuple[str, str]] = set()
         """(service, code) of the risks of pausing that were reported: they come and go with who else is wanted."""
+        self._wanted: Wanted = {}
         self._takeovers: frozenset[Takeover] = frozenset()
 
     def report(self, decision: Decision, tree: Tree, requests: RequestsFile) -> None:
@@ -193,9 +195,12 @@ class Reporter:
                 self.event("runs-twice", text, service=name, machine=machine)
 
     def _ros(self, decision: Decision) -> None:
-        """Report what the ROS 1 graph shows. Only passes over all services bring another graph."""
+        """Report what the ROS 1 graph shows. Only passes over all services bring another graph; what is wanted may
+        change without one."""
         situation = decision.situation
-        if not decision.whole or not (situation.ros or self._takeovers):
+        before, self._wanted = self._wanted, situation.wanted
+        changed = decision.whole or before is not situation.wanted
+        if not changed or not (situation.ros or self._takeovers):
             return
         for service in situation.desired.catalog.services.values():
             for risk in risks(situation, service):
