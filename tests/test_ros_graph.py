@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from rorg.core.conditions import CAUTIONS
 from rorg.core.ros_graph import RosGraph, Takeover, connections, takeovers
-from rorg.core.status import statuses
+from rorg.core.status import Statuses
 from rorg.model.catalog import EMPTY, Catalog, Idle, Request, Service
 from rorg.tools.sim.robot import SimRobot
 
@@ -67,7 +67,7 @@ def robot_of(**services: Service) -> SimRobot:
 
 def cautions(robot: SimRobot, service: str) -> list[tuple[str, str]]:
     decision = robot.settle()
-    found = statuses(decision.situation, decision.plan)[service].conditions
+    found = Statuses(decision.situation, decision.plan, {})[service].conditions
     return [(c.type, c.reason) for c in found if c.type in CAUTIONS]
 
 

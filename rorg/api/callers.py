@@ -31,7 +31,12 @@ def caller_of(request: Request) -> Caller:
     return caller if requester in (None, caller.service) else acting(caller, requester, catalog)
 
 
-Who = Annotated[Caller, Depends(caller_of)]
+async def calling(request: Request) -> Caller:
+    """The same as a dependency: a coroutine, since FastAPI hands anything else to a thread and back."""
+    return caller_of(request)
+
+
+Who = Annotated[Caller, Depends(calling)]
 
 
 def still(request: Request, operation: str) -> Caller:
@@ -44,7 +49,7 @@ def still(request: Request, operation: str) -> Caller:
 def needs(operation: str) -> Any:
     """The dependency of a route that checks this operation in the table of permissions."""
 
-    def check(caller: Who) -> None:
+    async def check(caller: Who) -> None:
         allow(caller, operation)
 
     check.operation = operation  # type: ignore[attr-defined]

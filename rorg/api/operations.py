@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 import json
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future
 from dataclasses import replace
 from typing import Any
@@ -18,7 +18,7 @@ from rorg.api.readiness import Question, Readiness, readiness
 from rorg.core.decide import Decision, preview
 from rorg.core.desired import Desired
 from rorg.core.observed import Container
-from rorg.core.status import Status, statuses
+from rorg.core.status import Status, Statuses
 from rorg.daemon.loop import Loop
 from rorg.daemon.snapshot import about_tree, request_json, snapshot
 from rorg.engines.observe import REMEDY
@@ -46,7 +46,7 @@ class Operations:
         self.committer = Committer(RequestsFile(loop.leases.file.path), self.changed)
         self.ending = False
         """rorg is stopping: every call gets "busy", and nothing is accepted."""
-        self._cached: tuple[Decision | None, dict[str, Status], dict[str, bytes]] = (None, {}, {})
+        self._cached: tuple[Decision | None, Mapping[str, Status], dict[str, bytes]] = (None, {}, {})
 
     # -- reading -----------------------------------------------------------------------------------------------
 
@@ -81,11 +81,11 @@ class Operations:
     def catalog(self) -> Catalog:
         return self.decision.situation.desired.catalog
 
-    def statuses(self) -> dict[str, Status]:
-        """The status of every declared service; computed once per decision."""
+    def statuses(self) -> Mapping[str, Status]:
+        """The status of every declared service, each found at most once per decision."""
         decision = self.decision
         if self._cached[0] is not decision:
-            self._cached = (decision, statuses(decision.situation, decision.plan, decision.holds), {})
+            self._cached = (decision, Statuses(decision.situation, decision.plan, decision.holds), {})
         return self._cached[1]
 
     def service_text(self, name: str) -> bytes:

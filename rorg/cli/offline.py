@@ -19,7 +19,7 @@ from rorg.cli.local import decision, glance
 from rorg.cli.places import nobody
 from rorg.cli.published import failure, hopeless, unready
 from rorg.core.decide import Decision
-from rorg.core.status import statuses
+from rorg.core.status import Statuses
 from rorg.daemon.snapshot import request_json
 from rorg.errors import NotReady, RorgError
 from rorg.host.clock import wall_clock
@@ -104,4 +104,4 @@ class Local:
 
 
 def _current(decision: Decision) -> Current:
-    return Current(decision, statuses(decision.situation, decision.plan, decision.holds), decision.situation.now)
+    return Current(decision, Statuses(decision.situation, decision.plan, decision.holds), decision.situation.now)

@@ -3,7 +3,7 @@ conditions can hold at the same time."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
@@ -92,20 +92,43 @@ class Status:
         return {**plain, "message": self.trouble, "ros_nodes": list(self.ros_nodes), "conditions": conditions}
 
 
-def statuses(
-    situation: Situation, plan: Plan, holds: Mapping[str, str] | None = None, only: Collection[str] | None = None
-) -> dict[str, Status]:
-    """Return the status of every declared service, or of those in `only`. `holds` comes from the decision."""
-    services, assessed = situation.desired.catalog.services, _Assessed(situation, plan, holds or {})
-    by_name = {name: assessed.status(services[name]) for name in sorted(services) if only is None or name in only}
-    for name, why in situation.withheld.items():
-        current = situation.observed.current(name)
-        if name in by_name:
-            by_name[name] = replace(by_name[name], withheld=why, why=f"withheld: {why}")
-        elif current:  # its manifest is gone, so nothing else is known
-            gone = Status(name, current.state, "OutOfSync", "Unknown", False, f"withheld: {why}")
-            by_name[name] = replace(gone, container=current.id, started_at=current.started_at, withheld=why)
-    return by_name
+class Statuses(Mapping[str, Status]):
+    """The status of every declared service, and of those that are withheld. Each is found when it is first asked for:
+    most questions are about a few services. `holds` comes from the decision."""
+
+    def __init__(self, situation: Situation, plan: Plan, holds: Mapping[str, str]) -> None:
+        services = situation.desired.catalog.services
+        gone = (n for n in situation.withheld if n not in services and situation.observed.current(n))
+        self._names = dict.fromkeys((*sorted(services), *gone))
+        self._services, self._assessed = services, _Assessed(situation, plan, holds)
+        self._found: dict[str, Status] = {}
+
+    def __getitem__(self, name: str) -> Status:
+        if name not in self._names:
+            raise KeyError(name)
+        if (found := self._found.get(name)) is None:
+            found = self._found[name] = self._find(name)
+        return found
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._names
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def _find(self, name: str) -> Status:
+        situation = self._assessed.s
+        why = situation.withheld.get(name)
+        if name in self._services:
+            status = self._assessed.status(self._services[name])
+            return replace(status, withheld=why, why=f"withheld: {why}") if why else status
+        current = situation.observed.current(name)  # its manifest is gone, so nothing else is known
+        gone = Status(name, current.state if current else "none", "OutOfSync", "Unknown", False, f"withheld: {why}")
+        gone = replace(gone, withheld=why or "")
+        return replace(gone, container=current.id, started_at=current.started_at) if current else gone
 
 
 class _Assessed:

@@ -20,7 +20,7 @@ from rorg.core.observed import Observed
 from rorg.core.ownership import Owned
 from rorg.core.peers import NOBODY, Peers, heard, peers
 from rorg.core.schedule import told_since
-from rorg.core.status import Status, statuses
+from rorg.core.status import Status, Statuses
 from rorg.errors import Unreachable
 from rorg.model.catalog import Catalog
 from rorg.store import machine_file
@@ -177,7 +177,7 @@ class Machines:
         progress = decision.situation.memory.progress.items()
         coming = (name for name, p in progress if p.running_since is not None and not p.ready)  # time makes them late
         anew = mine.keys() if decision.whole else {*decision.replanned, *self._since, *coming} & mine.keys()
-        told = statuses(decision.situation, decision.plan, decision.holds, anew) if anew else {}
+        told = Statuses(decision.situation, decision.plan, decision.holds)
         kept = {} if decision.whole else self.services
         return {**kept, **{name: self._remote(told[name], decision) for name in anew}}
 

@@ -17,7 +17,7 @@ from rorg.core.status import ros_nodes
 from rorg.core.wanted import Wanted
 from rorg.host.bounded_http import place_of
 from rorg.host.listeners import lineage, listeners, open_ports, own_names
-from rorg.model.catalog import Catalog
+from rorg.model.catalog import Catalog, Service
 from rorg.probes.ros_state import RosState, read_state, refuses, unregister
 
 AFTER = (1.0, 3.0, 10.0)
@@ -164,6 +164,8 @@ class RosWatch:
         self._watched = _Watched({}, False)
         self._seen: tuple[object, object, object] = (None, None, None)
         """The inputs of the last pass that mattered."""
+        self._users: Mapping[str, Service] = {}
+        """Services of its catalog that use a master of ROS 1."""
         self._changed = threading.Event()
         self._stopping = threading.Event()
         self._masters: dict[str, RosNodes] = {}
@@ -182,8 +184,11 @@ class RosWatch:
         seen = situation.observed, situation.wanted, situation.desired.catalog
         if not situation.observed.complete or all(a is b for a, b in zip(seen, self._seen, strict=True)):
             return
+        if self._seen[2] is not situation.desired.catalog:
+            self._users = _users(situation.desired.catalog)
         self._seen = seen
-        watched = _Watched(_runs(*seen), situation.desired.catalog.policy.purge_ros)
+        runs = _runs(situation.observed, situation.wanted, self._users)
+        watched = _Watched(runs, situation.desired.catalog.policy.purge_ros)
         if watched != self._watched:
             self._watched = watched
             self._changed.set()
@@ -221,14 +226,18 @@ class RosWatch:
             self.wake()
 
 
-def _runs(observed: Observed, wanted: Wanted, catalog: Catalog) -> dict[str, Runs]:
+def _users(catalog: Catalog) -> dict[str, Service]:
+    return {name: s for name, s in catalog.services.items() if s.domain is None and graph_of(s)}
+
+
+def _runs(observed: Observed, wanted: Wanted, users: Mapping[str, Service]) -> dict[str, Runs]:
     """By master that a living service uses."""
     by_master: dict[str, dict[str, Run]] = {}
-    for name, containers in observed.by_service().items():
-        service, current = catalog.services.get(name), containers[0]
-        master = graph_of(service) if service and service.domain is None else ""
-        if service and master and current.alive:
-            by_master.setdefault(master, {})[name] = Run(
+    containers = observed.by_service()
+    for name in users.keys() & containers.keys():
+        service, current = users[name], containers[name][0]
+        if current.alive:
+            by_master.setdefault(graph_of(service), {})[name] = Run(
                 current.incarnation, current.pid, frozenset(ros_nodes(service))
             )
     return {master: Runs(alive=alive, active=frozenset({*alive, *wanted})) for master, alive in by_master.items()}

@@ -14,7 +14,7 @@ from rorg.core.objects import object_views
 from rorg.core.observed import Observed
 from rorg.core.plan import Action, Plan
 from rorg.core.pressure import MEASURES
-from rorg.core.status import statuses
+from rorg.core.status import Statuses
 from rorg.daemon.tree import Tree
 from rorg.model.catalog import Request
 from rorg.model.units import stamp
@@ -52,7 +52,7 @@ def snapshot(decision: Decision, about: dict[str, Any]) -> dict[str, Any]:
         **_of_all(decision, about),
         "plan": decision.plan.as_json(),
         "runs": {n: run_json(p, situation.now) for n, p in decision.memory.progress.items()},
-        "services": {n: s.as_json() for n, s in statuses(situation, decision.plan, decision.holds).items()},
+        "services": {n: s.as_json() for n, s in Statuses(situation, decision.plan, decision.holds).items()},
     }
 
 
@@ -123,11 +123,11 @@ class Snapshots:
             # Time alone makes them late, or ends their trial.
             stale.update(n for n, p in runs if not p.ready or len(containers.get(n, ())) > 1)
             stale.update(situation.peers.remotes, situation.peers.unknown)
-            by_name = statuses(situation, decision.plan, decision.holds, stale)
         else:
-            self._services, by_name = {}, statuses(situation, decision.plan, decision.holds)
-        for name, status in by_name.items():
-            self._services[name] = f"{json.dumps(name)}: {json.dumps(status.as_json())}"
+            self._services, stale = {}, None
+        statuses = Statuses(situation, decision.plan, decision.holds)
+        for name in statuses if stale is None else sorted(filter(statuses.__contains__, stale)):
+            self._services[name] = f"{json.dumps(name)}: {json.dumps(statuses[name].as_json())}"
         self._stale = set()
         return self._services.values()
 

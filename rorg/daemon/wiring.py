@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 
 from rorg.daemon.generations import Generations
@@ -98,7 +98,7 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
     sampler = Sampler(Meter(clock), running.sample_every, running.load_matters, running.use, wakes.wake)
     ros, devices = make_ros(state, recorder, exchange, wakes.wake, engine.local), DeviceWatch(wakes.wake)
     usage = UsageRecorder(UsageTable(recorder.history), running.running, engine.usage, clock, wall_clock)
-    watcher = Watcher(lambda: [*tree.folders(), state.path], wakes.files_changed, _own_files(state))
+    watcher = Watcher(lambda: [*tree.folders(), state.path], _changed(state, wakes), _own_files(state))
     images = _image_manager(engine, owner, state, recorder, wakes)
     maintenance = Maintenance(recorder.history, recorder.event, lambda: _retention(tree), time.time)
     notifier, notified = _notifier(tree, recorder, wakes, notifies), Wakeup(state.path, wakes.requests_changed)
@@ -146,7 +146,7 @@ def _bringers(source: GitSource | None, images: ImageManager | None) -> list[Thr
     if source is None:
         return threads
     here = source.cache.followed.remote.local is not None
-    return [*threads, source, *([Watcher(source.folders, source.ask, source.ignores)] if here else [])]
+    return [*threads, source, *([Watcher(source.folders, lambda _: source.ask(), source.ignores)] if here else [])]
 
 
 def _image_manager(
@@ -156,6 +156,16 @@ def _image_manager(
         return None
     supplier = Supplier(engine, state, owner, JOBS, imports=False)
     return ImageManager(engine, supplier, recorder, wakes.wake)
+
+
+def _changed(state: StateDir, wakes: Wakes) -> Callable[[Collection[str]], None]:
+    """What file changes wake. After a request only its file has changed: the tree need not be looked at."""
+    requests = {str(state.requests)}
+
+    def changed(paths: Collection[str]) -> None:
+        (wakes.requests_changed if requests.issuperset(paths) and paths else wakes.files_changed)()
+
+    return changed
 
 
 def _own_files(state: StateDir) -> Callable[[str], bool]:

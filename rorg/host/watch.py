@@ -1,4 +1,4 @@
-"""Turns file changes into wakes. They do not say what changed, because the loop looks at everything anyway."""
+"""Turns file changes into wakes, which name what changed as far as that is known."""
 
 from __future__ import annotations
 
@@ -18,10 +18,14 @@ STEP = 100
 
 class Watcher:
     """Watches the directories that `folders` returns, each one alone, without following links: the kernel has few
-    watches, and a link to / would use all of them. `folders` is called again after every change."""
+    watches, and a link to / would use all of them. `folders` is called again after every change. `wake` gets the paths
+    that changed, none if anything may have."""
 
     def __init__(
-        self, folders: Callable[[], Collection[Path]], wake: Callable[[], None], ignore: Callable[[str], bool]
+        self,
+        folders: Callable[[], Collection[Path]],
+        wake: Callable[[Collection[str]], None],
+        ignore: Callable[[str], bool],
     ) -> None:
         self.folders, self.wake, self.ignore = folders, wake, ignore
         self._stop = threading.Event()
@@ -48,7 +52,7 @@ class Watcher:
         folders = self.folders()
         watched, first = _identity(folders), True
         if again:
-            self.wake()  # there was no watch meanwhile
+            self.wake(())  # there was no watch meanwhile
         for changes in watchfiles.watch(
             *folders,
             debounce=DEBOUNCE,
@@ -62,7 +66,8 @@ class Watcher:
         ):
             moved = _identity(folders) != watched
             if changes or first:
-                self.wake()  # changes before the watch began are not reported
+                # Changes before the watch began are not reported.
+                self.wake(() if first or moved else {path for _, path in changes})
             if moved or ((changes or first) and set(self.folders()) != set(folders)):
                 return
             first = False
