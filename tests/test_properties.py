@@ -607,7 +607,7 @@ class Watch:
         self.passes += 1
         self.snapshots.note(self.robot.decision)
         if self.passes % 3 == 0 and self.repeated % UNEVENTFUL == 0:
-            text = self.snapshots.text(self.robot.decision, {"pid": 1})
+            text = self.snapshots.text({"pid": 1})
             assert json.loads(text) == json.loads(json.dumps(snapshot(self.robot.decision, {"pid": 1})))
 
     def beginning(self, name: str, action: Action) -> None:
@@ -843,13 +843,11 @@ def test_a_hold_that_is_made_longer_is_told_so(tmp_path):
         robot.wait(lambda was=before: robot.sim.decision.holds != was, 10)
         before = robot.sim.decision.holds
         texts.note(robot.sim.decision)
-        assert json.loads(texts.text(robot.sim.decision, {})) == json.loads(
-            json.dumps(snapshot(robot.sim.decision, {}))
-        )
+        assert json.loads(texts.text({})) == json.loads(json.dumps(snapshot(robot.sim.decision, {})))
         for _ in range(3):  # until nothing of it is looked at any more
             robot.wait(lambda then=robot.sim.decision: robot.sim.decision is not then, 60)
             texts.note(robot.sim.decision)
-            texts.text(robot.sim.decision, {})
+            texts.text({})
 
 
 def test_that_a_trial_went_well_is_told_while_another_change_waits(tmp_path):
@@ -866,7 +864,7 @@ def test_that_a_trial_went_well_is_told_while_another_change_waits(tmp_path):
 
     def told(robot: SimRobot) -> bool:
         texts.note(robot.decision)
-        conditions = json.loads(texts.text(robot.decision, {}))["services"]["arm"]["conditions"]
+        conditions = json.loads(texts.text({}))["services"]["arm"]["conditions"]
         assert conditions == json.loads(json.dumps(snapshot(robot.decision, {})))["services"]["arm"]["conditions"]
         reasons.extend(c["reason"] for c in conditions if c["type"] == "Updated")
         return "Baking" in reasons

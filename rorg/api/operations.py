@@ -20,7 +20,7 @@ from rorg.core.desired import Desired
 from rorg.core.observed import Container
 from rorg.core.status import Status, Statuses
 from rorg.daemon.loop import Loop
-from rorg.daemon.snapshot import about_tree, request_json, snapshot
+from rorg.daemon.snapshot import about_tree, request_json
 from rorg.engines.observe import REMEDY
 from rorg.errors import Busy, Missing, Refused, Unreachable
 from rorg.host.listeners import calling, lineage, listening
@@ -112,9 +112,10 @@ class Operations:
     def current(self) -> Current:
         return Current(self.decision, self.statuses(), self._loop.clock())
 
-    def snapshot(self) -> dict[str, Any]:
-        """The whole state in one answer, as StatusView."""
-        return snapshot(self.decision, {**self._loop.publisher.about(), **self.about_tree()})
+    def snapshot(self) -> str:
+        """The whole state in one answer, as StatusView. Raises Busy like `decision`."""
+        _ = self.decision
+        return self._loop.publisher.text(self.about_tree())
 
     def about_tree(self) -> dict[str, Any]:
         """The state of the manifests and of the requests file, including their errors."""

@@ -77,8 +77,9 @@ def _add_status(app: FastAPI, operations: Operations) -> None:
     @app.get("/v1/status", dependencies=[needs("plan")], response_model=StatusView)
     async def status(settled: Seconds = 0.0) -> Response:
         """The whole state in one answer: the tree, the engine, requests, pressure, the plan, all services."""
-        await until(operations, lambda: operations.at_rest or operations.ending, settled)
-        return text(operations.snapshot())
+        if settled:  # finding out whether all is at rest looks at every service
+            await until(operations, lambda: operations.at_rest or operations.ending, settled)
+        return Response(operations.snapshot(), media_type="application/json")
 
     @app.get("/v1/summary", dependencies=[needs("plan")], response_model=SummaryView)
     async def summary() -> Response:

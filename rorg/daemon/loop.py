@@ -202,6 +202,7 @@ class Loop:
         self.leases.settle(decision, renewals)
         self.machines.decided(decision, asked)
         self.written.write(self.running.memory.kept, decision)
+        self.publisher.note(decision)
         self.running.memory, self.decision, self.inputs = decision.memory, decision, inputs
         self.generations.acted = self.generations.read(upto, not self.wakes.files)
         for action in decision.begin:
@@ -219,7 +220,7 @@ class Loop:
                 self.wakes.again()  # nothing is noted of it until it is read, and no event may follow
         self.tree.standing = self.recorder.historian.standing
         self.reporter.report(decision, self.tree, self.leases.file)
-        self.publisher.publish(decision, self.tree, self.leases.file)
+        self.publisher.publish(self.tree, self.leases.file)
         self.decided()
         return decision
 

@@ -38,14 +38,22 @@ class Publisher:
         self._snapshots = Snapshots()
         self._published = ""
         self._due = 0.0
-        self._next: tuple[Decision, dict[str, Any]] | None = None
+        self._next: dict[str, Any] | None = None
+        """What is to be published beside the decision."""
 
-    def publish(self, decision: Decision, tree: Tree, requests: RequestsFile) -> None:
-        """Keep the state until flush()."""
+    def note(self, decision: Decision) -> None:
+        """Must be called with every decision, before anyone else sees it."""
         self._snapshots.note(decision)
+
+    def text(self, about: dict[str, Any]) -> str:
+        """The whole state as of the last decision, as StatusView. Any thread may ask."""
+        return self._snapshots.text({**self.about(), **about})
+
+    def publish(self, tree: Tree, requests: RequestsFile) -> None:
+        """Keep what is to be published until flush()."""
         if self._next is None:
             self._due = max(self.clock() + AFTER, self._due)
-        self._next = decision, {**self.about(), **about_tree(tree, requests)}
+        self._next = {**self.about(), **about_tree(tree, requests)}
 
     def due(self) -> float | None:
         """When the kept state must be published; None if all that is known has been."""
@@ -57,13 +65,13 @@ class Publisher:
             return
         began = self.clock()
         try:
-            self._write(*self._next)
+            self._write(self._next)
         finally:
             self._next, ended = None, self.clock()
             self._due = ended + max(EVERY, (ended - began) / SHARE)
 
-    def _write(self, decision: Decision, about: dict[str, Any]) -> None:
-        text = self.masker.json(self._snapshots.text(decision, about))
+    def _write(self, about: dict[str, Any]) -> None:
+        text = self.masker.json(self._snapshots.text(about))
         if text == self._published:
             return
         self._published = text

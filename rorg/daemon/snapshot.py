@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import threading
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from typing import Any
@@ -57,9 +58,13 @@ def snapshot(decision: Decision, about: dict[str, Any]) -> dict[str, Any]:
 
 
 class Snapshots:
-    """Writes the same as text, decision after decision. Only services that were looked at since are written again."""
+    """Writes the same as text, decision after decision. Only services that were looked at since are written again. The
+    loop notes its decisions without waiting for a text that another thread writes."""
 
     def __init__(self) -> None:
+        self._noting, self._writing = threading.Lock(), threading.Lock()
+        self._decision: Decision | None = None
+        """The one that was noted last."""
         self._stale: set[str] | None = None
         """Services that were looked at since the last text; None for all."""
         self._services: dict[str, str] = {}
@@ -68,28 +73,31 @@ class Snapshots:
         """What `_runs` was made from."""
         self._timed: set[str] = set()
         """Services whose entry changes with time alone."""
-        self._out: tuple[Mapping[str, str], Mapping[str, str]] = ({}, {})
-        """(held, preempted) services of the previous decision, with the reasons."""
         self._actions: dict[int, tuple[Action, str]] = {}
         """By identity, which is kept because the action is."""
 
     def note(self, decision: Decision) -> None:
         """Must be called with every decision, even if no text of it is needed."""
-        before, self._out = self._out, (decision.holds, decision.situation.preempted)
-        if decision.whole:
-            self._stale = None
-        elif self._stale is not None:
-            self._stale.update(decision.replanned)
-            for was, out in zip(before, self._out, strict=True):
-                self._stale.update(n for n in {*was, *out} if was.get(n) != out.get(n))
+        with self._noting:
+            before, self._decision = self._decision, decision
+            if decision.whole or before is None:
+                self._stale = None
+            elif self._stale is not None:
+                self._stale.update(decision.replanned)
+                for was, out in zip(_out(before), _out(decision), strict=True):
+                    self._stale.update(n for n in {*was, *out} if was.get(n) != out.get(n))
 
-    def text(self, decision: Decision, about: dict[str, Any]) -> str:
+    def text(self, about: dict[str, Any]) -> str:
         """The text of the decision that was noted last."""
-        parts = {
-            "plan": self._plan_text(decision.plan),
-            "runs": _joined(self._run_texts(decision)),
-            "services": _joined(self._service_texts(decision)),
-        }
+        with self._writing:
+            with self._noting:
+                decision, stale, self._stale = self._decision, self._stale, set()
+            assert decision is not None, "the loop has made a pass"
+            parts = {
+                "plan": self._plan_text(decision.plan),
+                "runs": _joined(self._run_texts(decision)),
+                "services": _joined(self._service_texts(decision, stale)),
+            }
         return (
             f"{json.dumps(_of_all(decision, about))[:-1]}, "
             + _joined(f"{json.dumps(name)}: {text}" for name, text in parts.items())[1:]
@@ -115,8 +123,8 @@ class Snapshots:
         self._progress = progress
         return self._runs.values()
 
-    def _service_texts(self, decision: Decision) -> Iterable[str]:
-        situation, stale = decision.situation, self._stale
+    def _service_texts(self, decision: Decision, stale: set[str] | None) -> Iterable[str]:
+        situation = decision.situation
         if stale is not None and not situation.withheld:
             containers = situation.observed.by_service()
             runs = ((n, p) for n, p in situation.memory.progress.items() if p.running_since is not None)
@@ -128,8 +136,12 @@ class Snapshots:
         statuses = Statuses(situation, decision.plan, decision.holds)
         for name in statuses if stale is None else sorted(filter(statuses.__contains__, stale)):
             self._services[name] = f"{json.dumps(name)}: {json.dumps(statuses[name].as_json())}"
-        self._stale = set()
         return self._services.values()
+
+
+def _out(decision: Decision) -> tuple[Mapping[str, str], Mapping[str, str]]:
+    """(held, preempted) services, with the reasons."""
+    return decision.holds, decision.situation.preempted
 
 
 def _joined(texts: Iterable[str]) -> str:
