@@ -15,7 +15,7 @@ from rorg.daemon.usage_recorder import UsageRecorder
 from rorg.engines.protocol import Usage
 from rorg.history.database import Database
 from rorg.history.retention import Retention, trim
-from rorg.history.usage import Measured, UsageTable
+from rorg.history.usage import MACHINE, Measured, UsageTable
 from rorg.manifest.fitting import fit
 
 MIB = 1 << 20
@@ -143,7 +143,30 @@ def test_what_is_kept_is_bounded(programs):
     trim(programs.table.database, Retention(usage=4), "2025-01-01T00:00:00Z", lambda: None)
     assert programs.table.since("2025")[0]["runs"] == 4
     trim(programs.table.database, Retention(), "2026-01-01T08:30:00Z", lambda: None)
-    assert programs.table.since("2025")[0]["runs"] == 2
+    assert programs.table.since("2025")[0]["runs"] == 1
+
+
+def test_the_machine_is_measured_also_while_nothing_runs(programs):
+    for now, cpu in ((60.0, 100.0), (120.0, 130.0)):
+        programs.now = now
+        programs.recorder.machine = lambda cpu=cpu: {"cpu_seconds": cpu, "memory": 3 * MIB}
+        programs.recorder.look()
+    (slot,) = programs.table.slots("2026-01-01T00:00", "2026-01-02")
+    assert slot == (slot.at, 60.0, MACHINE, 0.5, 3 * MIB)
+    assert slot.at == "2026-01-01T00:02"
+    assert programs.table.since("2025") == [], "it is no service"
+
+
+def test_minutes_are_added_up_after_two_hours(programs):
+    for minute in range(240):
+        at = f"2026-01-01T{minute // 60:02}:{minute % 60:02}:30Z"
+        programs.table.note(at, [Measured("camera", "r", 30.0, 15.0, MIB), Measured(MACHINE, "", 60.0, 60.0, 4 * MIB)])
+    before = programs.table.since("2025")
+    trim(programs.table.database, Retention(), "2025-01-01T00:00:00Z", lambda: None)
+    assert programs.table.since("2025") == before, "no second is lost"
+    slots = [slot for slot in programs.table.slots("2025", "2027") if slot.service == "camera"]
+    assert [slot.seconds for slot in slots] == [600.0] * 11 + [60.0] * 130, "from 1:50 on each minute is kept"
+    assert {(slot.cores, slot.memory) for slot in slots} == {(0.25, MIB / 2)}
 
 
 BURN = """

@@ -7,6 +7,7 @@ import json
 import re
 import socket
 import subprocess
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -16,7 +17,12 @@ import yaml
 from commands import rorg
 from conftest import wait_for
 from page_browser import Ui, Watched, browser
+from robots import write_tree
 from rorg_process import RorgProcess
+
+from rorg.history.database import Database
+from rorg.history.usage import MACHINE, Measured, UsageTable
+from rorg.model.units import stamp
 
 TOUR = {
     "tour": {"needs": ["navigation"]},
@@ -134,6 +140,26 @@ def _again(watched: Watched) -> bool:
     return False
 
 
+def test_rorg_is_suspended_and_goes_on(robot, watched):
+    watched.page.click("button:text-is('Suspend rorg')")
+    watched.page.fill("dialog input[name=reason]", "maintenance")
+    watched.page.click("dialog button.primary")
+    watched.page.wait_for_selector(".troubles .suspended:has-text('maintenance')")
+    robot.client().call("PUT", "/v1/requests/t", {"services": ["tour"]})
+    watched.page.wait_for_selector(".facts li:has-text('start navigation'), .facts li:has-text('start localization')")
+    watched.page.click("button:text-is('Let rorg go on')")
+    watched.page.wait_for_selector("dialog p:has-text('start localization')")
+    watched.page.click("dialog button.primary")
+    node(watched, "tour", "ready")
+
+
+def test_a_group_is_shown_alone(robot, watched):
+    write_tree(robot.tree, TOUR, groups={"driving": {"services": ["navigation", "localization"]}})
+    watched.page.select_option("label:has-text('Group') select", "driving")
+    rows = watched.page.locator(".services tbody tr th")
+    wait_for(lambda: sorted(rows.all_inner_texts()) == ["localization", "navigation"], 10, "its members alone")
+
+
 def test_the_loop_is_lost_and_comes_back(robot, watched):
     robot.stop(kill=True)
     watched.page.wait_for_selector(".troubles .lost")
@@ -196,6 +222,13 @@ def test_what_was_is_there_over_time(robot, watched):
     watched.page.wait_for_selector('.lane svg[aria-label^="tour exited"]')
     bars = watched.page.locator('.lane:has(button:text-is("tour")) .bar')
     assert "ready" in {bars.nth(n).get_attribute("class").split()[-1] for n in range(bars.count())}
+    database = Database(robot.state / "journal.db", lambda: "")
+    now = time.time()
+    UsageTable(database).note(stamp(now - 7200), [Measured(MACHINE, "", 60.0, 45.0, 1 << 30)])
+    database.close()
+    with watched.page.expect_response(lambda answer: "/v1/measured/slots" in answer.url) as told:
+        watched.page.click("button:text-is('3 h')")
+    assert [slot["cores"] for slot in told.value.json()["answer"]] == [0.75], "last night is there too"
     watched.page.click("button[aria-label='Earlier']")
     assert watched.page.locator("button:text-is('Live')").get_attribute("aria-pressed") == "false"
     watched.page.locator('.lane:has(button:text-is("tour")) button').click()

@@ -14,7 +14,7 @@ from rorg.errors import Missing
 from rorg.history.database import Database
 from rorg.history.journal import Journal
 from rorg.history.meta_requests import Asked
-from rorg.history.request_log import requested
+from rorg.history.request_log import RequestLog
 from rorg.manifest.load import load_or_raise
 from rorg.manifest.traces import read_trace
 from rorg.model.catalog import Request
@@ -38,7 +38,7 @@ def records(tmp_path):
 
 
 def told(journal: Journal, begin: float, end: float) -> list[tuple[float, str, str, list[str]]]:
-    found = requested(journal, at(begin), at(end))
+    found = RequestLog(journal).between(at(begin), at(end))
     seconds = [(datetime.fromisoformat(r["at"]) - BEGIN).total_seconds() for r in found["requests"]]
     return [(s, r["requester"], r["id"], r["services"]) for s, r in zip(seconds, found["requests"], strict=True)]
 
@@ -89,10 +89,35 @@ def test_what_services_ask_for_is_known_from_the_journal(records):
                                      (4, "guide", "go", [])]  # fmt: skip
 
 
+def test_who_asks_again_and_again_learns_the_same(records):
+    journal, _ = records
+    log = RequestLog(journal)
+    for second in range(40):
+        ask(journal, second, "guide", f"go{second % 7}", *(["navigation"] if second % 3 else []))
+        anew = RequestLog(journal)
+        for begin in (second / 2, second - 1.5, second - 0.5):
+            if begin > 0:
+                end = at(second + 0.5)
+                assert (
+                    log.between(at(begin), end)
+                    == anew.between(at(begin), end)
+                    == RequestLog(journal).between(at(begin), end)
+                )
+
+
+def test_the_reason_of_a_request_is_known(records):
+    journal, asked = records
+    journal.append(at(0), "started", "rorg begins")
+    asked.note(at(1), [Request("tour", "developer", ("navigation",), reason="a visitor")])
+    journal.append(at(2), "request", "x", service="guide", request="go", requested=["camera"], reason="it is dark")
+    found = RequestLog(journal).between(at(0), at(5))["requests"]
+    assert [request["reason"] for request in found] == ["a visitor", "it is dark"]
+
+
 def test_requests_of_an_earlier_rorg_are_counted_and_left_out(records):
     journal, _ = records
     journal.append(at(1), "request", "request 'go' of guide: navigation", service="guide", request="go")
-    found = requested(journal, at(0), at(5))
+    found = RequestLog(journal).between(at(0), at(5))
     assert (found["unknown"], found["requests"], found["begin"]) == (1, [], at(1))
 
 
@@ -102,7 +127,7 @@ def test_a_time_without_a_record_is_no_trace(records, begin, end):
     if begin < 20:
         journal.append(at(1), "started", "rorg begins")
     with pytest.raises(Missing, match="nothing of that time"):
-        requested(journal, at(begin), at(end))
+        RequestLog(journal).between(at(begin), at(end))
 
 
 # -- a real robot ----------------------------------------------------------------------------------------------

@@ -54,6 +54,7 @@ def put_request(current: Current, request: Request) -> Change:
 
     told = f"request '{request.id}' of {request.requester}: {', '.join(request.services)}"
     about = {"service": request.requester, "request": request.id, "requested": list(request.services)}
+    about |= {"reason": request.reason} if request.reason else {}
     return Change(edit, "request", told, request.services, about)
 
 

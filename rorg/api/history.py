@@ -20,6 +20,7 @@ from rorg.api.history_models import (
     Requested,
     RevisionDetail,
     RevisionView,
+    SlotView,
     Timeline,
 )
 from rorg.api.inputs import moment
@@ -29,9 +30,8 @@ from rorg.api.read_routes import text
 from rorg.api.records import ENCODERS
 from rorg.errors import TooMany
 from rorg.history import queries
-from rorg.history.request_log import requested as recorded
 from rorg.history.revisions import Revision, Revisions
-from rorg.history.usage import UsageTable
+from rorg.history.usage import MACHINE, UsageTable
 from rorg.host.git import commit_of
 from rorg.model.units import stamp
 
@@ -91,14 +91,26 @@ def _add_recorded(app: FastAPI, operations: Operations) -> None:
         that. Standing requests of manifests are left out."""
         now = time.time()
         begin, end = moment(since, "since", now) or stamp(now - DAY), moment(until, "until", now) or stamp(now)
-        return text(recorded(operations.journal, begin, end))
+        return text(operations.request_log.between(begin, end))
 
     @app.get("/v1/measured", dependencies=[needs("history")], response_model=list[MeasuredView])
     def measured(since: When = None) -> Response:
-        """What services used while they ran, in the last day or `since` (counted from the full hour)."""
+        """What services used while they ran, in the last day or `since` (counted from the full minute)."""
         now = time.time()
         begin = moment(since, "since", now) or stamp(now - DAY)
         return text(UsageTable(operations.recorder.history).since(begin))
+
+    @app.get("/v1/measured/slots", dependencies=[needs("history")], response_model=list[SlotView])
+    def slots(
+        since: When = None,
+        until: When = None,
+        services: Annotated[bool, Query(description="Also each service, beside the machine.")] = True,
+    ) -> Response:
+        """What the machine and its services used over time, in the last day or `since`, in order of time."""
+        now = time.time()
+        begin, end = moment(since, "since", now) or stamp(now - DAY), moment(until, "until", now) or stamp(now)
+        used = UsageTable(operations.recorder.history).slots(begin, end)
+        return text([slot._asdict() for slot in used if services or slot.service == MACHINE])
 
 
 def _add_export(app: FastAPI, operations: Operations) -> None:

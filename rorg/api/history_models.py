@@ -99,6 +99,16 @@ class MeasuredView(BaseModel):
     peak_memory: int = Field(description="Highest sample, in bytes; once a minute, and before it ceased.")
 
 
+class SlotView(BaseModel):
+    """What was used in some seconds from a time on."""
+
+    at: str = Field(description="ISO 8601, UTC, up to the minute, the ten minutes or the hour that it stands for.")
+    seconds: float = Field(description="60, 600 or 3600: minutes are added up after two hours.")
+    service: str = Field(description="Empty: the whole machine.")
+    cores: float = Field(description="Mean, also over the time in which the service did not run.")
+    memory: float = Field(description="The same, in bytes.")
+
+
 class Asking(BaseModel):
     """A request; or a release, if it names no services."""
 
@@ -106,6 +116,7 @@ class Asking(BaseModel):
     requester: str
     id: str
     services: list[str] = Field(description="Services and groups.")
+    reason: str = ""
 
 
 class Requested(BaseModel):

@@ -23,6 +23,7 @@ from rorg.daemon.loop import Loop
 from rorg.daemon.snapshot import about_tree, request_json
 from rorg.engines.observe import REMEDY
 from rorg.errors import Busy, Missing, Refused, Unreachable
+from rorg.history.request_log import RequestLog
 from rorg.host.listeners import calling, lineage, listening
 from rorg.host.load import machine
 from rorg.model.catalog import Catalog, Group, Request
@@ -41,6 +42,7 @@ class Operations:
         self.recorder, self.tree, self.engine, self.state = loop.recorder, loop.tree, loop.engine, loop.state
         self.machines = loop.machines
         self.journal, self.requests_file, self.ros2 = loop.recorder.journal, loop.leases.file, loop.ros.ros2.exchange
+        self.request_log = RequestLog(self.journal)
         self.next_pass: Callable[[], asyncio.Event] = asyncio.Event
         """An event that is set after the next pass of the loop; the server provides it."""
         self.committer = Committer(RequestsFile(loop.leases.file.path), self.changed)

@@ -55,6 +55,10 @@ class Served:
     def measured(self, since: str) -> list[dict[str, Any]]:
         return list(self.client.call("GET", f"/v1/measured?{urlencode({'since': since})}"))
 
+    def slots(self, since: str, until: str) -> list[dict[str, Any]]:
+        """What the machine and its services used over time."""
+        return list(self.client.call("GET", f"/v1/measured/slots?{urlencode({'since': since, 'until': until})}"))
+
     def everything(self) -> Iterator[dict[str, Any]]:
         from rorg_client.connection import Connection
 
@@ -97,15 +101,20 @@ class Kept:
     def requested(self, since: str, until: str) -> dict[str, Any]:
         """At most up to the last entry: what happened later is unknown."""
         from rorg.history.journal import Filter
-        from rorg.history.request_log import requested
+        from rorg.history.request_log import RequestLog
 
         last = next((entry["at"] for entry in self.journal.select(Filter(), 1, newest=True)), until)
-        return requested(self.journal, since, min(until, last))
+        return RequestLog(self.journal).between(since, min(until, last))
 
     def measured(self, since: str) -> list[dict[str, Any]]:
         from rorg.history.usage import UsageTable
 
         return UsageTable(self.database).since(since)
+
+    def slots(self, since: str, until: str) -> list[dict[str, Any]]:
+        from rorg.history.usage import UsageTable
+
+        return [slot._asdict() for slot in UsageTable(self.database).slots(since, until)]
 
     def everything(self) -> Iterator[dict[str, Any]]:
         return self.queries.records(self.journal, self.revisions)

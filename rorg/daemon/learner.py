@@ -8,7 +8,7 @@ from pathlib import Path
 from rorg.core.prediction import learn
 from rorg.errors import Missing
 from rorg.history.journal import Journal
-from rorg.history.request_log import requested
+from rorg.history.request_log import RequestLog
 from rorg.model.learned import Learned
 from rorg.model.trace import TraceEvent
 from rorg.model.units import parse_time, stamp
@@ -52,7 +52,7 @@ class Learner:
 def learnt_from(journal: Journal, now: float) -> Learned:
     """The requests in the journal before `now`, seconds since the epoch."""
     try:
-        trace = requested(journal, stamp(now - BACK), stamp(now))
+        trace = RequestLog(journal).between(stamp(now - BACK), stamp(now))
     except Missing:
         return Learned()
     begin = parse_time(trace["begin"])

@@ -1,4 +1,5 @@
-"""Measures what services use while they run: once a minute, and before a pause or stop."""
+"""Measures what services use while they run: once a minute, and before a pause or stop. And the machine, once a
+minute."""
 
 from __future__ import annotations
 
@@ -8,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from rorg.core.observed import Container
 from rorg.engines.protocol import Usage
-from rorg.history.usage import Measured, UsageTable
+from rorg.history.usage import MACHINE, Measured, UsageTable
 
 EVERY = 60.0
 """Seconds between two looks at all."""
@@ -19,9 +20,10 @@ Running = Sequence[tuple[Container, float]]
 
 
 class UsageRecorder:
-    """Works in a thread of its own. `running` returns what runs now, `usage` what it has used since it began; nothing
-    is asked while nothing runs. `began` is the time of day (ISO 8601) at which this rorg began: older runs are measured
-    only from the first look on. `clock` gives seconds, `wall` the time of day."""
+    """Works in a thread of its own. `running` returns what runs now, `usage` what it has used since it began; the
+    engine is not asked while nothing runs. `machine`: CPU seconds and bytes of the machine; None if the engine is on
+    another one. `began` is the time of day (ISO 8601) at which this rorg began: older runs are measured only from the
+    first look on. `clock` gives seconds, `wall` the time of day."""
 
     def __init__(
         self,
@@ -30,14 +32,20 @@ class UsageRecorder:
         usage: Callable[[Sequence[Container]], Mapping[str, Usage]],
         clock: Callable[[], float],
         wall: Callable[[], str],
+        machine: Callable[[], Mapping[str, float]] | None = None,
     ) -> None:
         self.table, self.running, self.usage, self.clock, self.wall = table, running, usage, clock, wall
+        self.machine = machine
         self.began = wall()
         self._seen: dict[str, tuple[float, float]] = {}
         """Incarnation -> (when, its CPU seconds then)."""
+        self._machine: tuple[float, float] | None = None
+        """The same of the machine."""
         self._lock, self._stop = threading.Lock(), threading.Event()
 
     def start(self) -> None:
+        if self.machine:
+            self._whole(self.clock(), self.machine())
         threading.Thread(target=self._run, name="usage", daemon=True).start()
 
     def stop(self) -> None:
@@ -58,7 +66,15 @@ class UsageRecorder:
             usage = self.usage([c for c, _ in containers]) if containers else {}
             now = self.clock()
             measured = [self._one(c, since, now, usage[c.id]) for c, since in containers if c.id in usage]
-            self.table.note(self.wall(), [m for m in measured if m])
+            whole = [] if service or self.machine is None else [self._whole(now, self.machine())]
+            self.table.note(self.wall(), [m for m in (*whole, *measured) if m])
+
+    def _whole(self, now: float, used: Mapping[str, float]) -> Measured | None:
+        before, self._machine = self._machine, (now, used["cpu_seconds"])
+        if before is None or now <= before[0]:
+            return None
+        cpu = max(0.0, used["cpu_seconds"] - before[1])
+        return Measured(MACHINE, "", now - before[0], cpu, int(used["memory"]))
 
     def _one(self, container: Container, since: float, now: float, used: Usage) -> Measured | None:
         run = container.incarnation

@@ -31,7 +31,7 @@ from rorg.history.usage import UsageTable
 from rorg.host.clock import boot_id, wall_clock
 from rorg.host.devices import DeviceWatch
 from rorg.host.git_cache import Followed, GitCache
-from rorg.host.load import Meter, Sampler
+from rorg.host.load import Meter, Sampler, machine
 from rorg.host.watch import Watcher
 from rorg.images.records import NAME as RECORDS
 from rorg.images.references import references_for
@@ -97,7 +97,7 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
     prober = Prober(clock, wakes.wake, asker, stopping)
     sampler = Sampler(Meter(clock), running.sample_every, running.load_matters, running.use, wakes.wake)
     ros, devices = make_ros(state, recorder, exchange, wakes.wake, engine.local), DeviceWatch(wakes.wake)
-    usage = UsageRecorder(UsageTable(recorder.history), running.running, engine.usage, clock, wall_clock)
+    usage = _usage_recorder(recorder, running, engine)
     watcher = Watcher(lambda: [*tree.folders(), state.path], _changed(state, wakes), _own_files(state))
     images = _image_manager(engine, owner, state, recorder, wakes)
     maintenance = Maintenance(recorder.history, recorder.event, lambda: _retention(tree), time.time)
@@ -125,6 +125,11 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
         threads=(*bringers, prober, sampler, usage, ros.masters, devices, watcher, notified, notifier, observer),
         owner=owner,
     )
+
+
+def _usage_recorder(recorder: Recorder, running: Running, engine: Engine) -> UsageRecorder:
+    whole = machine if engine.local else None
+    return UsageRecorder(UsageTable(recorder.history), running.running, engine.usage, time.monotonic, wall_clock, whole)
 
 
 def _notifier(tree: Tree, recorder: Recorder, wakes: Wakes, notifies: bool) -> Notifier:

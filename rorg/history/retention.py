@@ -8,7 +8,7 @@ from typing import Any
 
 from rorg.history.database import Change, Database
 from rorg.history.journal import named_in
-from rorg.history.usage import HOUR
+from rorg.history.usage import FOLD, SLOT
 
 BATCH = 50
 """Entries that are removed at a time: a writer waits for no more."""
@@ -30,7 +30,7 @@ REQUESTS = (
 """Removes requests except the last ones."""
 UNUSED_TEXTS = "DELETE FROM asked_text WHERE content NOT IN (SELECT content FROM asked)"
 USAGE = "DELETE FROM usage WHERE hour < ? OR hour <= (SELECT hour FROM usage ORDER BY hour DESC LIMIT 1 OFFSET ?)"
-"""Removes whole hours."""
+"""Removes whole minutes, tens of minutes or hours."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,8 +44,8 @@ class Retention:
     revisions: int = 1000
     requests: int = 10_000
     """States of the requests file."""
-    usage: int = 50_000
-    """Hours of runs with measured use."""
+    usage: int = 100_000
+    """Minutes, and tens of minutes, of runs with measured use."""
 
 
 def trim(database: Database, retention: Retention, oldest: str, rest: Callable[[], object]) -> None:
@@ -67,7 +67,7 @@ def trim(database: Database, retention: Retention, oldest: str, rest: Callable[[
     revisions, requests = (oldest, retention.revisions), (oldest, retention.requests)
     database.write([(REVISIONS, [revisions]), (UNUSED_MADE, [()]), (UNUSED_SPECS, [()])], keep=False)
     database.write([(REQUESTS, [requests]), (UNUSED_TEXTS, [()])], keep=False)
-    database.write([(USAGE, [(oldest[:HOUR], retention.usage)])], keep=False)
+    database.write([*((sql, [()]) for sql in FOLD), (USAGE, [(oldest[:SLOT], retention.usage)])], keep=False)
 
 
 def _number(database: Database, person: int) -> int:

@@ -34,4 +34,4 @@ CREATE TABLE usage (
 )
 """entry: the journal; `about` names the services of an entry. made: what each service was made from in the revisions
 first..last (NULL: up to the last one). run: the memory that survives a restart. asked: the requests file since a time.
-usage: what each run of a service used in an hour."""
+usage: what each run of a service used in a minute, or in ten, or in an hour: `hour` is a time up to that place."""

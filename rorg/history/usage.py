@@ -1,10 +1,11 @@
-"""What services used while they ran: by hour and run, added up as it is measured."""
+"""What services used while they ran, and the machine all the time: by minute and run, added up as it is measured. Later
+the minutes of ten are added up."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from rorg.history.database import Database
 
@@ -15,10 +16,28 @@ UPSERT = (
 )
 TOTALS = (
     "SELECT service, count(DISTINCT run), sum(seconds), sum(cpu), sum(byte_seconds), max(peak) FROM usage"
-    " WHERE hour >= ? GROUP BY service ORDER BY service"
+    " WHERE hour >= ? AND service <> '' GROUP BY service ORDER BY service"
 )
-HOUR = 13
-"""Characters of a time (ISO 8601) up to the hour."""
+SLOTS = (
+    "SELECT hour, service, sum(cpu), sum(byte_seconds) FROM usage WHERE hour >= ? AND hour <= ?"
+    " GROUP BY hour, service ORDER BY hour"
+)
+OLD = (
+    "length(hour) = 16 AND hour < (SELECT substr(strftime('%Y-%m-%dT%H:%M', max(hour), '-2 hours'), 1, 15) FROM usage)"
+)
+"""Minutes that are added up; of the newest two hours each is kept."""
+FOLD = (
+    "INSERT INTO usage SELECT substr(hour, 1, 15), service, run, sum(seconds), sum(cpu), sum(byte_seconds), max(peak)"
+    f" FROM usage WHERE {OLD} GROUP BY 1, 2, 3 ON CONFLICT DO UPDATE SET seconds = seconds + excluded.seconds,"
+    " cpu = cpu + excluded.cpu, byte_seconds = byte_seconds + excluded.byte_seconds, peak = max(peak, excluded.peak)",
+    f"DELETE FROM usage WHERE {OLD}",
+)
+SLOT = 16
+"""Characters of a time (ISO 8601) up to the minute."""
+SECONDS = {16: 60.0, 15: 600.0, 13: 3600.0}
+"""The time that a row stands for, by the length of its own: an older rorg added up hours."""
+MACHINE = ""
+"""In the place of a service: the whole machine."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +54,17 @@ class Measured:
     """Bytes at their end."""
 
 
+class Slot(NamedTuple):
+    """The mean use of a service, or of the MACHINE, in some seconds from a time on."""
+
+    at: str
+    """ISO 8601 in UTC, as far as it is known."""
+    seconds: float
+    service: str
+    cores: float
+    memory: float
+
+
 class UsageTable:
     """Written by one thread at a time."""
 
@@ -43,12 +73,12 @@ class UsageTable:
 
     def note(self, at: str, measurements: Sequence[Measured]) -> None:
         """Add the measurements up to a time (ISO 8601 in UTC). If the disk refuses them, they are lost."""
-        rows = [(at[:HOUR], m.service, m.run, m.seconds, m.cpu, m.seconds * m.memory, m.memory) for m in measurements]
+        rows = [(at[:SLOT], m.service, m.run, m.seconds, m.cpu, m.seconds * m.memory, m.memory) for m in measurements]
         if rows:
             self.database.write([(UPSERT, rows)], keep=False)
 
     def since(self, time: str) -> list[dict[str, Any]]:
-        """For each service since the hour of a time: the number of runs, seconds in all, average cores and bytes, and
+        """For each service since the minute of a time: the number of runs, seconds in all, average cores and bytes, and
         the most bytes seen. Empty for an older file without that table."""
         if not self.database.rows("SELECT 1 FROM sqlite_master WHERE name = 'usage'"):
             return []
@@ -61,6 +91,16 @@ class UsageTable:
                 "memory": round(byte_seconds / seconds),
                 "peak_memory": peak,
             }
-            for service, runs, seconds, cpu, byte_seconds, peak in self.database.rows(TOTALS, (time[:HOUR],))
+            for service, runs, seconds, cpu, byte_seconds, peak in self.database.rows(TOTALS, (time[:SLOT],))
             if seconds > 0
+        ]
+
+    def slots(self, begin: str, end: str) -> list[Slot]:
+        """What was used from `begin` to `end` (ISO 8601 in UTC), in order of time. Empty for an older file."""
+        if not self.database.rows("SELECT 1 FROM sqlite_master WHERE name = 'usage'"):
+            return []
+        rows = self.database.rows(SLOTS, (begin[:SLOT], end[:SLOT]))
+        return [
+            Slot(hour, (length := SECONDS.get(len(hour), 60.0)), service, cpu / length, byte_seconds / length)
+            for hour, service, cpu, byte_seconds in rows
         ]

@@ -1,11 +1,12 @@
 // The robot over time: one lane for each service, the requests above, CPU and memory below, all on one axis.
 
-import { Component, html, useEffect, useMemo, useRef, useState } from "/page/vendor/preact.js";
+import { html, useEffect, useMemo, useRef, useState } from "/page/vendor/preact.js";
 import uPlot from "/page/vendor/uplot.js";
 import { call, clock, encode, state, useStore } from "/page/store.js";
 
 const TURN = 2000;
 const SINGLE = 40;
+const RECORDS = 5000;
 const ROW = 24;
 const SHOWN = 30;
 const LABEL = 150;
@@ -14,6 +15,11 @@ const STATES = { ready: "ready", running: "starting", restarting: "failing", pau
   created: "stopped", exited: "stopped", dead: "failing", none: "none" };
 
 const ms = (time) => Date.parse(time);
+
+/** Places on the axis are seconds from here on, so that bars stay as they are while the time that is shown goes on. */
+const ORIGIN = Date.now();
+const FOREVER = 1e7;
+const place = (time) => (time - ORIGIN) / 1000;
 
 /** The range that is shown, in ms. It follows the present until a person zooms or pans. */
 function useRange() {
@@ -74,12 +80,20 @@ function useSpans(names, since, turn) {
   return spans;
 }
 
+/** What was requested since some time. What is known is kept, and only what is new is asked for. */
 function useRequested(since, turn) {
   const [requests, setRequests] = useState([]);
+  const known = useRef({ since: Infinity, end: 0 });
   useEffect(() => {
     let current = true;
-    call("GET", `/v1/requested?since=${encode(new Date(since).toISOString())}`).then(
-      (told) => current && setRequests(told.requests),
+    const anew = since < known.current.since;
+    const from = anew ? since : known.current.end;
+    call("GET", `/v1/requested?since=${encode(new Date(from).toISOString())}`).then(
+      (told) => {
+        if (!current) return;
+        known.current = { since: anew ? since : known.current.since, end: ms(told.end) };
+        setRequests((before) => [...(anew ? [] : before), ...told.requests].slice(-RECORDS));
+      },
       () => {},
     );
     return () => {
@@ -89,87 +103,118 @@ function useRequested(since, turn) {
   return requests;
 }
 
-/** One bar. Its text says all that it shows, so it needs no mouse. */
-function Bar({ kind, begin, end, range, width, text, onClick }) {
-  const scale = width / (range.end - range.begin);
-  const left = Math.max(0, (begin - range.begin) * scale);
-  const right = Math.min(width, (end - range.begin) * scale);
-  if (right <= left) return null;
-  return html`<rect class="bar ${kind}" x=${left} y="4" width=${Math.max(2, right - left)} height=${ROW - 8} rx="2"
-    onClick=${onClick}><title>${text}</title></rect>`;
-}
-
-/** Many bars as one path for each kind, at most one bar for each pixel. */
-function Bars({ drawn, range, width }) {
-  const scale = width / (range.end - range.begin);
+/** Bars on the axis. Few are drawn one by one, with their texts; many as one path for each kind. */
+function barsOf(spans, pixel, onClick) {
+  if (spans.length <= SINGLE)
+    return spans.map(({ kind, begin, end, text }) => html`<rect key=${kind + begin} class="bar ${kind}" x=${place(begin)} y="4"
+      width=${(end === null ? FOREVER : place(end)) - place(begin)} height=${ROW - 8} onClick=${onClick}><title>${text}</title></rect>`);
   const paths = {};
-  let done = -1;
-  for (const span of drawn) {
-    const left = Math.max(0, Math.floor((ms(span.begin) - range.begin) * scale), done);
-    const right = Math.min(width, Math.ceil(((span.end ? ms(span.end) : range.end) - range.begin) * scale));
-    if (right <= left) continue;
-    const kind = STATES[span.state];
+  let done = -Infinity;
+  for (const { kind, begin, end } of spans) {
+    const [left, right] = [place(begin), end === null ? FOREVER : place(end)];
+    if (right < done) continue;
     paths[kind] = `${paths[kind] ?? ""}M${left} 4H${right}V${ROW - 4}H${left}Z`;
-    done = right;
+    done = left + pixel; // the next one begins at another pixel
   }
   return Object.entries(paths).map(([kind, path]) => html`<path key=${kind} class="bar ${kind}" d=${path} />`);
 }
 
-class Lane extends Component {
-  shouldComponentUpdate(next) {
-    return ["spans", "range", "width"].some((name) => next[name] !== this.props[name]);
-  }
-
-  render(props) {
-    return drawLane(props);
-  }
+/** A row of bars under a name. The bars stay as they are; only the window over them moves. */
+function Row({ name, title, spans, range, width, label, onClick }) {
+  const pixel = (range.end - range.begin) / width / 1000;
+  const bars = useMemo(() => barsOf(spans, pixel, onClick), [spans, pixel]);
+  const last = spans.findLast((span) => span.begin < range.end && (span.end ?? range.end) > range.begin);
+  return html`<div class="lane" role="row">
+    <div role="rowheader" class="name" title=${title}>${name}</div>
+    <div role="cell"><svg width=${width} height=${ROW} role="img" preserveAspectRatio="none"
+      viewBox="${place(range.begin)} 0 ${(range.end - range.begin) / 1000} ${ROW}"
+      aria-label=${last ? last.text : `${label}: nothing on record`}>${bars}</svg></div></div>`;
 }
 
-function drawLane({ name, spans, range, width, open }) {
-  const known = (spans ?? []).filter((span) => STATES[span.state] && STATES[span.state] !== "none");
-  const drawn = known.filter((span) => ms(span.begin) < range.end && (!span.end || ms(span.end) > range.begin));
-  const told = (span) => `${name} ${span.state} from ${clock(span.begin)}${span.end ? ` to ${clock(span.end)}` : ""}: ${span.why}`;
-  return html`<div class="lane" role="row">
-    <div role="rowheader" class="name"><button class="link" onClick=${() => open(name)}>${name}</button></div>
-    <div role="cell"><svg width=${width} height=${ROW} role="img"
-      aria-label=${drawn.length ? told(drawn.at(-1)) : `${name}: nothing on record`}>
-      ${drawn.length > SINGLE ? html`<${Bars} drawn=${drawn} range=${range} width=${width} />` : drawn.map((span) => html`<${Bar} key=${span.begin + span.state} kind=${STATES[span.state]} begin=${ms(span.begin)}
-        end=${span.end ? ms(span.end) : range.end} range=${range} width=${width} text=${told(span)} onClick=${() => open(name)} />`)}
-    </svg></div></div>`;
+const NOTHING = [];
+
+function Lane({ name, spans, range, width, open }) {
+  const drawn = useMemo(
+    () =>
+      (spans ?? NOTHING).filter((span) => STATES[span.state] && STATES[span.state] !== "none").map((span) => ({
+        kind: STATES[span.state],
+        begin: ms(span.begin),
+        end: span.end ? ms(span.end) : null,
+        text: `${name} ${span.state} from ${clock(span.begin)}${span.end ? ` to ${clock(span.end)}` : ""}: ${span.why}`,
+      })),
+    [spans],
+  );
+  return html`<${Row} spans=${drawn} range=${range} width=${width} label=${name} onClick=${() => open(name)}
+    name=${html`<button class="link" onClick=${() => open(name)}>${name}</button>`} />`;
 }
 
 /** The requests by who made them and their id, each with its bars: a record without services is a release. */
-function barsOf(requests) {
+function rowsOf(requests) {
   const rows = new Map();
   for (const { at, requester, id, services, reason } of requests) {
     const key = `${requester} ${id}`;
-    const row = rows.get(key) ?? { key, requester, id, bars: [] };
-    const last = row.bars.at(-1);
-    if (last && last.end === null) last.end = ms(at);
-    if (services.length) row.bars.push({ begin: ms(at), end: null, services, reason });
+    const what = services.join(", ");
+    const row = rows.get(key) ?? { key, requester, what, spans: [] };
+    const last = row.spans.at(-1);
     rows.set(key, row);
+    if (last?.end === null && last.what === what) continue; // told again, at the beginning of what was asked for
+    if (last?.end === null) last.end = ms(at);
+    if (!what) continue;
+    row.what = what;
+    row.spans.push({ kind: "request", begin: ms(at), end: null, what, text: `${what} for ${requester}${reason ? `: ${reason}` : ""}` });
   }
-  return [...rows.values()].filter((row) => row.bars.length);
+  return [...rows.values()].filter((row) => row.spans.length);
 }
 
 function Requests({ requests, range, width }) {
-  const rows = useMemo(() => barsOf(requests), [requests]);
-  const seen = rows.filter((row) => row.bars.some((bar) => bar.begin < range.end && (bar.end ?? range.end) > range.begin));
-  const told = (row, bar) => `${bar.services.join(", ")} for ${row.requester}${bar.reason ? `: ${bar.reason}` : ""}`;
+  const rows = useMemo(() => rowsOf(requests), [requests]);
+  const seen = rows.filter((row) => row.spans.some((span) => span.begin < range.end && (span.end ?? range.end) > range.begin));
   return html`<div role="table" aria-label="Requests" class="lanes">
-    ${seen.slice(-12).map((row) => html`<div class="lane" role="row" key=${row.key}>
-      <div role="rowheader" class="name" title=${row.key}>${row.bars.at(-1).services.join(", ")} <span class="quiet">${row.requester}</span></div>
-      <div role="cell"><svg width=${width} height=${ROW} role="img" aria-label=${told(row, row.bars.at(-1))}>
-        ${row.bars.slice(-200).map((bar) => html`<${Bar} key=${bar.begin} kind="request" begin=${bar.begin} end=${bar.end ?? range.end}
-          range=${range} width=${width} text=${told(row, bar)} />`)}
-      </svg></div></div>`)}
+    ${seen.slice(-12).map((row) => html`<${Row} key=${row.key} title=${row.key} spans=${row.spans} range=${range} width=${width}
+      label=${row.key} name=${html`${row.what} <span class="quiet">${row.requester}</span>`} />`)}
     ${!seen.length && html`<p class="quiet" role="row"><span role="cell">No requests in this time.</span></p>`}
   </div>`;
 }
 
-/** CPU in cores and memory in GiB, by the samples that the page has. */
-function Usage({ range, width }) {
+/** What the machine used before the first sample: minutes, later tens of minutes, from the journal. */
+function usePast(since) {
+  const [past, setPast] = useState(NOTHING);
+  useEffect(() => {
+    let current = true;
+    const asked = `since=${encode(new Date(since).toISOString())}&services=false`;
+    call("GET", `/v1/measured/slots?${asked}`).then((told) => current && setPast(told), () => {});
+    return () => {
+      current = false;
+    };
+  }, [since]);
+  return past;
+}
+
+const FULL = "0000-01-01T00:00:00Z";
+
+/** [times in seconds, cores, GiB] of past slots and live samples; a gap in the record is one in the lines. */
+function series(past, samples) {
+  const first = samples[0]?.at ?? Infinity;
+  const lines = [[], [], []];
+  const add = (...point) => point.forEach((value, line) => lines[line].push(value));
+  for (const { at, seconds, cores, memory } of past) {
+    const begin = ms(at + FULL.slice(at.length)) / 1000;
+    if (begin + seconds > first) break;
+    if (begin - lines[0].at(-1) > 2 * seconds) add(begin, null, null);
+    add(begin + seconds / 2, cores, memory / 2 ** 30);
+  }
+  samples.slice(1).forEach(({ at, machine }, index) => {
+    const before = samples[index];
+    const cores = (machine.cpu_seconds - before.machine.cpu_seconds) / Math.max(0.1, at - before.at);
+    add(at, Math.max(0, cores), machine.memory / 2 ** 30);
+  });
+  return lines;
+}
+
+/** CPU in cores and memory in GiB. */
+function Usage({ range, width, since }) {
   const { samples } = useStore("samples");
+  const past = usePast(since);
   const place = useRef(null);
   const plot = useRef(null);
   useEffect(() => {
@@ -197,11 +242,9 @@ function Usage({ range, width }) {
     return () => plot.current.destroy();
   }, [width]);
   useEffect(() => {
-    const pairs = samples.slice(1).map((sample, index) => [samples[index], sample]);
-    const cores = pairs.map(([a, b]) => Math.max(0, (b.machine.cpu_seconds - a.machine.cpu_seconds) / Math.max(0.1, b.at - a.at)));
-    plot.current.setData([pairs.map(([, b]) => b.at), cores, pairs.map(([, b]) => b.machine.memory / 2 ** 30)], false);
+    plot.current.setData(series(past, samples), false);
     plot.current.setScale("x", { min: range.begin / 1000, max: range.end / 1000 });
-  }, [samples, range.begin, range.end, width]);
+  }, [samples, past, range.begin, range.end, width]);
   return html`<div ref=${place} class="usage" role="img" aria-label="CPU and memory of the machine over time"></div>`;
 }
 
@@ -218,7 +261,8 @@ function useWidth() {
 
 function Events({ range, jump, open }) {
   const { events } = useStore("events");
-  const shown = events.filter((event) => ms(event.at) >= range.begin && ms(event.at) <= range.end).slice(-40).reverse();
+  const [begin, end] = [range.begin, range.end].map((time) => new Date(time).toISOString());
+  const shown = events.filter((event) => event.at >= begin && event.at <= end).slice(-40).reverse();
   return html`<ul class="events scroll" tabindex="0" aria-label="Events">${shown.map(
     (event) => html`<li key=${event.seq}><button class="link" onClick=${() => jump(ms(event.at))}>${clock(event.at)}</button>${" "}
       ${event.service ? html`<button class="link" onClick=${() => open(event.service)}>${event.message}</button>` : event.message}</li>`,
@@ -264,14 +308,14 @@ export function Lanes({ open }) {
       <button onClick=${() => range.set({ length: range.end - range.begin, end: null })} aria-pressed=${range.live}>Live</button>
       <span class="quiet">${clock(range.begin)} to ${clock(range.end)}</span>
     </div>
-    <h2>Requests</h2><${Requests} requests=${requests} range=${range} width=${width} />
+    <h2>Requests</h2><${Requests} requests=${requests} range=${range.shown} width=${width} />
     <h2>Services</h2>
     <div class="scroll lanes-scroll" tabindex="0" role="region" aria-label="Lanes of services" onScroll=${(event) => setTop(event.target.scrollTop)}>
       <div role="table" aria-label="Services over time" class="lanes" style=${{ height: `${names.length * ROW}px`, paddingTop: `${first * ROW}px` }}>
         ${visible.map((name) => html`<${Lane} key=${name} name=${name} spans=${spans[name]} range=${range.shown} width=${width} open=${open} />`)}
       </div>
     </div>
-    <h2>CPU and memory</h2><${Usage} range=${range} width=${width} />
+    <h2>CPU and memory</h2><${Usage} range=${range} width=${width} since=${since} />
     <h2>Events</h2><${Events} range=${range} jump=${jump} open=${open} />
   </div>`;
 }

@@ -1,13 +1,14 @@
 // What runs now: the graph of needs and requests, a table of services, and what the machine is busy with.
 
-import { Component, html, useMemo, useState } from "/page/vendor/preact.js";
-import { bytes, MOODS, mood, seconds, usage, useGradually, useStore } from "/page/store.js";
+import { Component, html, useEffect, useMemo, useState } from "/page/vendor/preact.js";
+import { bytes, call, MOODS, mood, seconds, usage, useGradually, useStore } from "/page/store.js";
 import { ask } from "/page/actions.js";
 import { Graph } from "/page/graph.js";
 
+const ORDER = Object.keys(MOODS);
 const COLUMNS = [
   ["name", "Service", (row) => row.service.service],
-  ["state", "State", (row) => Object.keys(MOODS).indexOf(mood(row.service))],
+  ["state", "State", (row) => ORDER.indexOf(row.mood)],
   ["cpu", "CPU", (row) => -(row.use?.cpu ?? -1)],
   ["memory", "Memory", (row) => -(row.use?.memory ?? -1)],
   ["restarts", "Restarts", (row) => -row.service.crashes],
@@ -37,25 +38,41 @@ class Row extends Component {
 const ROW = 30;
 const SHOWN = 40;
 
+/** The groups of the manifests, asked for again when these change. */
+function useGroups() {
+  const { status } = useStore("status");
+  const [groups, setGroups] = useState([]);
+  const tree = status?.tree.fingerprint;
+  useEffect(() => {
+    let current = true;
+    if (tree) call("GET", "/v1/groups").then((told) => current && setGroups(told), () => {});
+    return () => {
+      current = false;
+    };
+  }, [tree]);
+  return groups;
+}
+
 function Table({ open }) {
   const { services } = useStore("services", "samples");
   const [filter, setFilter] = useState("");
   const [by, setBy] = useState("state");
   const [top, setTop] = useState(0);
+  const [chosen, choose] = useState("");
+  const groups = useGroups();
+  const members = groups.find((group) => group.name === chosen)?.services;
   const use = usage();
   const key = COLUMNS.find(([name]) => name === by)[2];
   const words = filter.toLowerCase().split(/\s+/).filter(Boolean);
   const rows = Object.values(services)
-    .filter((service) => service.state !== "meta")
-    .filter((service) => {
-      const text = `${service.service} ${mood(service)} ${service.machine} ${service.why}`.toLowerCase();
+    .filter((service) => service.state !== "meta" && (members?.includes(service.service) ?? true))
+    .map((service) => ({ service, mood: mood(service), use: use[service.service] }))
+    .filter(({ service, mood: one }) => {
+      const text = words.length ? `${service.service} ${one} ${service.machine} ${service.why}`.toLowerCase() : "";
       return words.every((word) => text.includes(word));
     })
-    .map((service) => ({ service, use: use[service.service] }))
-    .sort((a, b) => {
-      const [one, other] = [key(a), key(b)];
-      return one < other ? -1 : one > other ? 1 : a.service.service < b.service.service ? -1 : 1;
-    });
+    .map((row) => ({ ...row, key: key(row) }))
+    .sort((a, b) => (a.key < b.key ? -1 : a.key > b.key ? 1 : a.service.service < b.service.service ? -1 : 1));
   // Only the rows that can be seen, between two that take the place of the others.
   const first = Math.max(0, Math.min(rows.length - SHOWN, Math.floor(top / ROW) - 5));
   const last = Math.min(rows.length, first + useGradually(SHOWN, 10));
@@ -63,6 +80,9 @@ function Table({ open }) {
   return html`<div class="services">
     <label class="filter">Filter <input type="search" value=${filter} placeholder="name, state, machine"
       onInput=${(event) => setFilter(event.target.value)} /></label>
+    ${groups.length > 0 && html` <label>Group <select value=${chosen} onChange=${(event) => choose(event.target.value)}>
+      <option value="">all services</option>
+      ${groups.map((group) => html`<option key=${group.name} value=${group.name}>${group.name}</option>`)}</select></label>`}
     <div class="scroll" tabindex="0" role="region" aria-label="Table of services"
       onScroll=${(event) => setTop(event.target.scrollTop)}>
       <table aria-rowcount=${rows.length + 1}>
@@ -96,6 +116,9 @@ function Facts() {
         <p>waiting for CPU ${Math.round(machine.cpu_some)} %, for memory ${Math.round(machine.memory_some)} %</p>`}
       <p>${status.pressure.budget ? `budget ${JSON.stringify(status.pressure.budget)}` : "no budget"};
         ${" "}pressure: ${status.pressure.reason || "none"}</p>
+      ${!readOnly && (status.suspended
+        ? html`<button onClick=${() => ask.resume()}>Let rorg go on</button>`
+        : html`<button onClick=${() => ask.suspend()}>Suspend rorg</button>`)}
     </section>
     <section aria-labelledby="requests"><h2 id="requests">Requests</h2>
       <ul>${live.map(

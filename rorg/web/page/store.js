@@ -161,9 +161,9 @@ export const MOODS = {
   meta: { shape: "◇", text: "person" },
 };
 
-export function clock(time) {
-  return new Date(time).toLocaleTimeString([], { hour12: false });
-}
+const TIME = new Intl.DateTimeFormat([], { hour: "2-digit", minute: "2-digit", second: "2-digit", hour12: false });
+
+export const clock = (time) => TIME.format(new Date(time));
 
 export function bytes(number) {
   if (!number) return "–";
