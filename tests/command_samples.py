@@ -256,6 +256,7 @@ SAMPLES = {
     "simulate": Sample(["simulate nosuch.yaml robot"], Line("simulate {trace} {tree}")),
     "edit": Sample(["edit base"], Line("edit service/arm")),
     "fit": Sample(["fit base", "fit -o json --since 1h"], Line("fit arm", rorg=True)),
+    "plot": Sample(["plot usage -o usage.gif"], Line("plot graph -o {new}/graph.svg", rorg=True)),
     "build": Sample(["build --manifests robot --engine process"], Line("build", engine=True)),
     "image": Sample(["image list"], Line("image list", engine=True)),
     "export": Sample(["export compose robot"], Line("export compose {tree}")),

@@ -37,6 +37,7 @@ CODES = {
     "simulate nosuch.yaml robot": {2},
     "fleet status nosuch.yaml": {2},
     "ui --no-browser --port 99999": {2},
+    "plot usage -o usage.gif": {2},
     "take base --yes": {5},
     "take nosuch --yes": {2},
     "diff {tree}": {0, 1},

@@ -10,7 +10,7 @@ import commands
 import pytest
 from conftest import ROOT
 
-from rorg.cli.drawing import LETTER
+from rorg.plots.drawing import LETTER
 
 NEEDED = ("usb_cam", "microphone", "freight_base")
 

@@ -77,6 +77,7 @@ class SpanView(BaseModel):
     seconds: float
     why: str
     who: str = Field(description="Who had asked for it, if that is on record.")
+    failed: bool = Field(False, description="Whether it came into this state unexpectedly.")
 
 
 class Timeline(BaseModel):

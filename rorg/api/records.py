@@ -95,7 +95,7 @@ EVENT = _message(
     "Event",
     EventView,
     "seq at kind message author service services requests request cause incarnation verb container reason fields error "
-    "seconds file crashes node bytes measures helpless shed states state requested revision",
+    "seconds file crashes node bytes measures helpless shed states state requested revision failed",
     Field(100, MORE, "string", "Everything that has no field of its own here, as JSON."),
 )
 MESSAGES = {message.name: message for message in (RECORD, REVISION, MADE, EVENT)}

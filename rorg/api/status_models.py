@@ -258,3 +258,4 @@ class EventView(BaseModel):
     shed: dict[str, str] | None = Field(default=None, description="Services that were shed, each with the reason.")
     state: str | None = Field(default=None, description="The new state of a service; `none` without a container.")
     states: dict[str, str] | None = Field(default=None, description="States in which rorg found services.")
+    failed: bool | None = Field(default=None, description="The service ended on its own with an error.")

@@ -42,6 +42,7 @@ COMMANDS = (
     "shell",
     "cp",
     "graph",
+    "plot",
     "simulate",
     "edit",
     "fit",

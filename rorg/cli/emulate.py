@@ -167,7 +167,7 @@ def _check_files(save: Path | None, plot: Path | None) -> None:
     if save:
         _save(save, "", "a")
     if plot:
-        from rorg.tools.sim.plots import check_drawing
+        from rorg.plots.figure import check_drawing
 
         check_drawing(plot)
 

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from rorg.cli.context import Context
-from rorg.cli.drawing import FORMS as DRAWN
-from rorg.cli.drawing import Arrow, Drawing, draw
 from rorg.cli.options import FORMS, SERVICES, Argument, Directory, Option, StateDirectory
 from rorg.cli.output import echo, missing, print_rows
+from rorg.plots.drawing import FORMS as DRAWN
+from rorg.plots.drawing import Arrow, Drawing, draw
 
 KINDS = ("services", "images")
 Graph = dict[str, Any]

@@ -212,7 +212,8 @@ def try_out(
 
 def draw(trial: Trial, variants: Sequence[Tried], file: Path) -> None:
     """Draws the plot. Raises Invalid."""
-    from rorg.tools.sim.plots import draw_sweep, save
+    from rorg.plots.figure import save
+    from rorg.tools.sim.plots import draw_sweep
 
     note = f"Simulated, seed {trial.seed}; synthetic weights: {trial.workload.name}."
     save(lambda: draw_sweep(variants, trial.trace.name, note), file)

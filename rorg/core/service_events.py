@@ -127,6 +127,8 @@ class StateChange:
     """Why it is wanted, how its run ended, or what prevents it."""
     requests: tuple[str, ...] = ()
     """REQUESTER/ID of the requests that lead to it, from the root on."""
+    failed: bool = False
+    """Whether it ended on its own with an error."""
 
     def __str__(self) -> str:
         said = "has no container" if self.state == NONE else f"is {self.state}"
@@ -157,7 +159,7 @@ def _state_change(decision: Decision, name: str, now: str) -> StateChange:
     causes = situation.wanted.get(name, ())
     current = situation.observed.current(name)
     if causes and now == "exited" and current and progress.exited == current.incarnation:
-        return StateChange(name, now, progress.error)
+        return StateChange(name, now, progress.error, failed=bool(progress.error))
     trail = [cause for _, cause in chain(situation.wanted, name)]
     requests = tuple(f"{cause.by}/{cause.request}" for cause in trail if cause.kind == "requested")
     if causes:

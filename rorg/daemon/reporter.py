@@ -225,8 +225,9 @@ class Reporter:
             self._write("found", message, services=[p.service for p in changes], states=dict(states))
             return
         for p in changes:
-            asked = {"requests": list(p.requests)} if p.requests else {}
-            self._write("state", str(p), service=p.service, state=p.state, reason=p.reason, **asked)
+            more: dict[str, Any] = {"requests": list(p.requests)} if p.requests else {}
+            more |= {"failed": True} if p.failed else {}
+            self._write("state", str(p), service=p.service, state=p.state, reason=p.reason, **more)
             if p.state == NONE:
                 del states[p.service]
 

@@ -23,6 +23,8 @@ class Span:
     end: str
     why: str = ""
     who: str = ""
+    failed: bool = False
+    """Whether it ended in this state unexpectedly."""
     open: bool = False
     """Whether it is not over yet."""
 
@@ -34,6 +36,7 @@ class Span:
             "seconds": round(max(0.0, parse_time(self.end) - parse_time(self.begin)), 3),
             "why": self.why,
             "who": self.who,
+            "failed": self.failed,
         }
 
 
@@ -45,10 +48,13 @@ def spans(service: str, entries: Iterable[Mapping[str, Any]], begin: str, end: s
         state = _state(service, entry)
         if not state:
             told.note(service, entry)
+            if entry["kind"] == "crashed" and timeline and timeline[-1].state == "exited":
+                timeline[-1] = replace(timeline[-1], failed=True)  # the state was on record before its cause
         elif not timeline or state != timeline[-1].state:
             at = max(begin, entry["at"])
             timeline[-1:] = [replace(last, end=at) for last in timeline[-1:] if last.begin != at]
-            timeline.append(Span(state, at, end, told.why(entry, state), told.who(entry, state, author)))
+            failed = state == "exited" and (told.crashed or bool(entry.get("failed")))
+            timeline.append(Span(state, at, end, told.why(entry, state), told.who(entry, state, author), failed))
     timeline[-1:] = [replace(last, open=True) for last in timeline[-1:]]
     return timeline
 

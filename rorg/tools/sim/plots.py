@@ -3,13 +3,12 @@ installation (`rorg[plots]`), and slow to load, so only this file imports it, an
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from importlib.util import find_spec
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rorg.errors import Invalid
 from rorg.model.trace import Trace
+from rorg.plots.figure import save
 from rorg.tools.sim.results import RunResult, Sample
 from rorg.tools.sim.variants import Tried
 
@@ -19,7 +18,6 @@ if TYPE_CHECKING:
     from matplotlib.transforms import Bbox
 
 
-FORMATS = (".png", ".svg")
 MOST_POINTS = 480
 """Points of a line. If there are more samples, means over equal times are drawn."""
 COLOURS = ("#8c8c8c", "#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#8c564b")
@@ -29,32 +27,9 @@ BANDS = ("#66c2a5", "#ffd92f", "#377eb8", "#e41a1c", "#fdb462", "#d9d9d9", "#984
 GIB = 1 << 30
 
 
-def check_drawing(path: Path) -> None:
-    """Raises Invalid if a picture of this name cannot be drawn here. Long commands check this first."""
-    what = f"draw {path}"
-    if path.suffix not in FORMATS:
-        raise Invalid(what, f"'{path.suffix}' is not a supported format", " or ".join(FORMATS))
-    if find_spec("matplotlib") is None:
-        raise Invalid(what, "matplotlib is not installed", "`pip install 'rorg[plots]'`")
-
-
 def draw(results: Sequence[RunResult], trace: Trace, path: Path, footnote: str) -> None:
     """Plots CPU and memory over time. Raises Invalid as save() does."""
     save(lambda: draw_runs(results, trace, footnote), path)
-
-
-def save(make: Callable[[], Figure], path: Path) -> None:
-    """Writes a figure as PNG or SVG, depending on the name. The same figure always gives the same SVG. Raises Invalid
-    if that is impossible."""
-    check_drawing(path)
-    import matplotlib as mpl
-
-    with mpl.rc_context({"svg.hashsalt": "rorg", "svg.fonttype": "none", "font.size": 9}):
-        figure = make()
-        try:
-            figure.savefig(path, dpi=150, metadata={"Date": None} if path.suffix == ".svg" else None)
-        except OSError as error:
-            raise Invalid(f"draw {path}", error.strerror or str(error), "another file") from None
 
 
 def draw_runs(results: Sequence[RunResult], trace: Trace, footnote: str) -> Figure:

@@ -137,7 +137,7 @@ function Lane({ name, spans, range, width, open }) {
   const drawn = useMemo(
     () =>
       (spans ?? NOTHING).filter((span) => STATES[span.state] && STATES[span.state] !== "none").map((span) => ({
-        kind: STATES[span.state],
+        kind: span.failed ? "failing" : STATES[span.state],
         begin: ms(span.begin),
         end: span.end ? ms(span.end) : null,
         text: `${name} ${span.state} from ${clock(span.begin)}${span.end ? ` to ${clock(span.end)}` : ""}: ${span.why}`,

@@ -13,6 +13,7 @@ from importlib.util import find_spec
 from typing import Any, NamedTuple
 
 from rorg.errors import Invalid
+from rorg.plots.states import LOOKS
 
 FORMS = ("dot", "mermaid", "svg")
 LETTER, HEIGHT, PAD = 6.7, 20, 8
@@ -54,7 +55,9 @@ class Drawing(NamedTuple):
     dashed: Collection[str] = ()
     """Boxes that are only named."""
     legend: Mapping[str, str] = {}
-    """`plain`, `bold` and `dashed` (boxes), `arrow` and `dashed arrow` -> what it means; `` -> a note."""
+    """`plain`, `bold` and `dashed` (boxes), one of LOOKS, `arrow` and `dashed arrow` -> what it means; `` -> a note."""
+    looks: Mapping[str, str] = {}
+    """Services, and how they are now: one of LOOKS."""
 
 
 def draw(drawing: Drawing, form: str) -> str:
@@ -89,21 +92,38 @@ class Box(NamedTuple):
 
 def svg(drawing: Drawing) -> str:
     """A picture in one file, for light and dark pages. Raises Invalid without pygraphviz."""
-    boxes, curves, width, height = _layout(drawing)
+    boxes, curves, width, height = layout(drawing)
     parts = [_path(curve, a.dashed) for a, curve in zip(drawing.arrows, curves, strict=True)]
-    for name, box in boxes.items():
-        parts.append(
-            _box(box, name, "bold" if name in drawing.bold else "dashed" if name in drawing.dashed else "plain")
-        )
+    parts += [_box(box, label(drawing, name), _kind(drawing, name)) for name, box in boxes.items()]
     legend = _legend(drawing, height)
     width = max(width, *(EDGE + 60 + LETTER * len(text) for text in drawing.legend.values()), 0)
     height += ROW * len(drawing.legend) + EDGE
     size = f'viewBox="0 0 {width:.0f} {height:.0f}" width="{width:.0f}"'
     head = f'<svg xmlns="http://www.w3.org/2000/svg" {size} role="img">'
-    return "\n".join([head, f"<style>{STYLE}</style>", HEAD, *parts, *legend, "</svg>"])
+    style = "\n".join([STYLE, *(_style_of(look) for look in LOOKS if look in drawing.looks.values())])
+    return "\n".join([head, f"<style>{style}</style>", HEAD, *parts, *legend, "</svg>"])
 
 
-def _layout(drawing: Drawing) -> tuple[dict[str, Box], list[str], float, float]:
+def label(drawing: Drawing, name: str) -> str:
+    """What a box says."""
+    look = drawing.looks.get(name)
+    return f"{LOOKS[look].sign} {name}" if look else name
+
+
+def _kind(drawing: Drawing, name: str) -> str:
+    kind = "bold" if name in drawing.bold else "dashed" if name in drawing.dashed else "plain"
+    return drawing.looks.get(name) or kind
+
+
+def _style_of(look: str) -> str:
+    """Its boxes are light on dark pages too."""
+    shown = LOOKS[look]
+    return (
+        f".{look} rect {{ fill: {shown.box}; stroke: {shown.edge}; stroke-width: 2 }} .{look} text {{ fill: #1f2328 }}"
+    )
+
+
+def layout(drawing: Drawing) -> tuple[dict[str, Box], list[str], float, float]:
     """The boxes, the curve of each arrow as in the `d` of a path, and the size of it all, by Graphviz. Its labels are
     empty: only they need fonts."""
     if find_spec("pygraphviz") is None:
@@ -114,7 +134,7 @@ def _layout(drawing: Drawing) -> tuple[dict[str, Box], list[str], float, float]:
         directed=True, strict=False, rankdir="LR", nodesep=BELOW / 72, ranksep=BETWEEN / 72, outputorder="nodesfirst"
     )
     for name in sorted(drawing.names):
-        width = LETTER * len(name) + 2 * PAD
+        width = LETTER * len(label(drawing, name)) + 2 * PAD
         graph.add_node(name, label="", shape="box", fixedsize=True, width=width / 72, height=HEIGHT / 72)
     for number, arrow in enumerate(drawing.arrows):
         graph.add_edge(arrow.begin, arrow.end, key=str(number))
