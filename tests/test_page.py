@@ -17,6 +17,7 @@ import yaml
 from commands import rorg
 from conftest import wait_for
 from page_browser import Ui, Watched, browser
+from page_firefox import Firefox
 from robots import write_tree
 from rorg_process import RorgProcess
 
@@ -373,6 +374,26 @@ def test_hostile_text_stays_text(robot, watched):
     watched.view("time")
     watched.page.wait_for_selector(".lanes svg .request")
     assert watched.page.locator("img").count() == 0
+
+
+def test_it_works_in_firefox_too(robot, ui, tmp_path):
+    (tmp_path / "firefox").mkdir()
+    page = Firefox(tmp_path / "firefox")
+    try:
+        page.go(ui.address)
+        page.wait('.node[aria-label="tour: stopped"]')
+        page.run("location.hash = 'now/tour'")
+        page.wait(".drawer h2")
+        page.run("[...document.querySelectorAll('.drawer button')].find(b => b.textContent === 'Request').click()")
+        page.wait("dialog[open] button.primary")
+        page.run("document.querySelector('dialog button.primary').click()")
+        page.wait('.node[aria-label="localization: ready"]')
+        for view, there in (("time", ".lane .bar.ready"), ("time", ".usage canvas"), ("manifests", ".list li")):
+            page.run(f"location.hash = '{view}'")
+            page.wait(there)
+        assert page.complaints == []
+    finally:
+        page.close()
 
 
 def test_the_page_says_why_it_cannot_begin(tmp_path):
