@@ -22,7 +22,7 @@ import pytest
 from conftest import wait_for
 from robots import RealRobot
 
-from rorg.cli.top_view import Deed, View, cells_of, fitting, frame, pressed
+from rorg.cli.top_view import Deed, View, cells_of, fitting, frame, look, pressed
 
 LONG = "a-service-with-a-name-that-is-rather-long"
 SERVICES = {
@@ -235,7 +235,13 @@ def test_piped_it_prints_once_with_numbers_as_json(robot):
 
 
 def row(name: str, cpu: float = 0.0, memory: int = 0) -> dict:
-    state = {"state": "running", "priority": 50, "why": "requested by developer (tour)", "alive": True}
+    state = {
+        "state": "running",
+        "priority": 50,
+        "why": "requested by developer (tour)",
+        "alive": True,
+        "measured": True,
+    }
     return {"service": name, "cpu": cpu, "memory": memory, **state}
 
 
@@ -272,3 +278,16 @@ def test_no_key_does_anything_that_was_not_meant():
     for key in ("n", "enter", "escape", "r"):
         assert pressed(asked, key, names)[1] is None
     assert pressed(View(), "l", []) == (View(), None)
+
+
+def test_what_no_engine_measures_is_alive_all_the_same():
+    service = {"state": "running", "effective_priority": 50, "why": "always on", "container": "c", "incarnation": "c@t"}
+    machine = {"cpu_seconds": 1.0, "cores": 2, "memory": 1, "memory_total": 2, "cpu_some": 0.0, "memory_some": 0.0}
+    usage = [{"at": at, "services": {}, "machine": machine} for at in (0.0, 1.0)]
+    stopped = {**service, "state": "exited", "incarnation": ""}
+    elsewhere = {**service, "container": ""}
+    services = {"web": service, "stopped": stopped, "elsewhere": elsewhere}
+    snapshot = look(*usage, {"services": services, "pressure": {}})
+    assert snapshot["alive"] == 1
+    (row,) = [row for row in snapshot["services"] if row["alive"]]
+    assert (row["service"], cells_of(row)["cpu"], cells_of(row)["memory"]) == ("web", "-", "-")

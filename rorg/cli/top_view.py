@@ -136,7 +136,8 @@ def look(before: Usage, now: Usage, status: dict[str, Any]) -> dict[str, Any]:
                 "memory": use["memory"] if use else 0,
                 "priority": service["effective_priority"],
                 "why": service["why"],
-                "alive": use is not None,
+                "alive": use is not None or bool(service["container"] and service["incarnation"]),
+                "measured": use is not None,
             }
         )
     rows.sort(key=lambda r: (-r["cpu"], r["service"]))
@@ -174,8 +175,9 @@ def header(snapshot: Mapping[str, Any]) -> list[str]:
 
 
 def cells_of(row: Mapping[str, Any]) -> dict[str, Any]:
-    """A row for people."""
-    return {**row, "cpu": f"{row['cpu']:.2f}", "memory": format_memory(row["memory"]), "why": row["why"] or "-"}
+    """A row for people. An engine need not measure what it runs: a Swarm does not."""
+    cpu, memory = (f"{row['cpu']:.2f}", format_memory(row["memory"])) if row["measured"] else ("-", "-")
+    return {**row, "cpu": cpu, "memory": memory, "why": row["why"] or "-"}
 
 
 def fitting(rows: Sequence[Mapping[str, Any]], width: int) -> tuple[str, ...]:
