@@ -10,6 +10,7 @@ from conftest import wait_for
 from world import PATIENCE, Died, World
 
 from rorg.client import Error, Refused
+from rorg.core.observed import Container
 
 HAND = """requests:
 - id: {id}
@@ -61,9 +62,14 @@ class Acts(World):
     def crash(self, name: str) -> None:
         (found,) = self.containers(name)
         if found.started_at in self.first(name).values() and found.alive:
-            with self.engine.lock:
-                self.engine.sim.kill(found.id)
-                self.engine.log.add("crash", name, found.id, containers=dict(self.engine.sim.containers))
+            self.end_program(found)
+
+    def end_program(self, container: Container) -> None:
+        """Behind rorg's back."""
+        with self.engine.lock:
+            self.engine.sim.kill(container.id)
+            now = dict(self.engine.sim.containers)
+            self.engine.log.add("crash", container.service, container.id, containers=now)
 
     def edit_requests(self, id: str, *services: str) -> None:
         """As an editor does it, which replaces the file."""

@@ -54,22 +54,16 @@ class Result:
 class Player:
     """Of one scenario: plays it once without a kill, then at any point."""
 
-    def __init__(self, scenario: Scenario, folder: Path) -> None:
+    def __init__(self, scenario: Scenario, folder: Path, make: Callable[[Path], World] = World) -> None:
         self.scenario = scenario
         folder.mkdir(parents=True, exist_ok=True)
-        self.world = World(folder)
+        self.world = make(folder)
         try:
-            self._prepare()
+            self.world.prepare(scenario.given)
             self.reference, self.effects = self._reference()
         except BaseException:
             self.close()
             raise
-
-    def _prepare(self) -> None:
-        self.world.wipe()
-        self.scenario.given(self.world)
-        self.world.kill()
-        self.world.keep()
 
     def _reference(self) -> tuple[Story, list[str]]:
         self.world.restore()

@@ -181,7 +181,7 @@ def caught(one: Defect) -> str:
             "RORG_PROOF_MOST": str(MOST),
             "RORG_PROOF_STOP": "1",
         }
-        command = [sys.executable, str(Path(__file__).parent), one.scenario]
+        command = [sys.executable, str(Path(__file__).with_name("proof.py")), one.scenario]
         done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     finally:
         shutil.rmtree(folder, ignore_errors=True)

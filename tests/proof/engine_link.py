@@ -20,7 +20,7 @@ from typing import Any
 
 from rorg.core.observed import Container, FoundObjects
 from rorg.engines.protocol import NONE, Usage
-from rorg.errors import RorgError, Unreachable
+from rorg.errors import EngineError, Unreachable
 from rorg.model.engines import Capabilities
 from rorg.tools.sim.engine import EPOCH, SimEngine
 
@@ -129,8 +129,8 @@ class Handler(socketserver.BaseRequestHandler):
                     return self.follow(world)
                 try:
                     answer = True, world.call(verb, args, more)
-                except RorgError as error:
-                    answer = False, error
+                except EngineError as error:
+                    answer = False, (error.what, error.why, error.remedy, error.kind)
                 send(self.request, answer)
 
     def follow(self, world: EngineWorld) -> None:
@@ -173,7 +173,7 @@ class RemoteEngine:
             except OSError as error:
                 raise Unreachable(verb, str(error), "") from error
         if not good:
-            raise value
+            raise EngineError(*value)
         return value
 
     def ping(self) -> str:

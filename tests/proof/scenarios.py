@@ -12,8 +12,8 @@ from typing import Any
 from acts import Acts as World
 from cases import Scenario, Step
 
-PROBE = {"exec": ["up"], "interval": "100ms", "timeout": "2s"}
-NO = {"exec": ["never"], "interval": "100ms", "timeout": "200ms"}
+PROBE = {"exec": ["sh", "-c", "true"], "interval": "100ms", "timeout": "2s"}
+NO = {"exec": ["sh", "-c", "false"], "interval": "100ms", "timeout": "200ms"}
 SCENARIOS: dict[str, Scenario] = {}
 
 

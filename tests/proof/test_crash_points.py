@@ -11,42 +11,29 @@ from cases import Player
 from effects import SIDES
 from scenarios import SCENARIOS
 
-BUDGET = float(os.environ.get("RORG_PROOF_BUDGET") or 1.2)
-"""Seconds for the points of a scenario, beyond the first one."""
+BUDGET = float(os.environ.get("RORG_PROOF_BUDGET") or 0.5)
+"""Seconds for the points of a scenario, beyond the first ones."""
+
+
+def last_answer(player: Player) -> list[tuple[int, str]]:
+    """The moment at which a client believes that its change is safe, with a loss of power."""
+    numbers = [n for n, what in enumerate(player.effects, 1) if " answer " in what]
+    return [(number, SIDES[-1]) for number in numbers[-1:]]
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_nothing_is_lost_at_any_point(name, tmp_path, request):
-    chance = random.Random(f"{request.config.getoption('hypothesis_seed')} {name}")
+    seed = request.config.getoption("hypothesis_seed")
     player = Player(SCENARIOS[name], tmp_path)
     try:
-        points, until = list(player.points()), time.monotonic() + BUDGET
-        chance.shuffle(points)
+        points = list(player.points())
+        random.Random(f"{seed} {name}").shuffle(points)
+        points = [*last_answer(player), *points]
+        until = time.monotonic() + BUDGET
         while points:
-            result = player.play(*points.pop())
-            assert not result.violations, str(result)
+            result = player.play(*points.pop(0))
+            assert not result.violations, f"RORG_TEST_SEED={seed} {result}"
             if time.monotonic() > until:
                 break
-    finally:
-        player.close()
-
-
-@pytest.mark.parametrize(
-    ("name", "told"),
-    [
-        ("request", "PUT"),
-        ("release", "DELETE"),
-        ("manifest-put", "PUT"),
-        ("manifest-delete", "DELETE"),
-        ("hold", "PUT"),
-    ],
-)
-def test_what_was_acknowledged_survives_a_loss_of_power(name, told, tmp_path):
-    player = Player(SCENARIOS[name], tmp_path)
-    try:
-        number = 1 + next(n for n, what in enumerate(player.effects) if f" answer {told} " in what)
-        for side in SIDES[1:]:
-            result = player.play(number, side)
-            assert not result.violations, str(result)
     finally:
         player.close()

@@ -25,7 +25,7 @@ from rorg.store.requests_file import RequestsFile
 from rorg.store.state_dir import StateDir
 
 PROGRAM = str(Path(__file__).with_name("killed_run.py"))
-NOT_UP: tuple[tuple[str, ...], tuple[int, bytes]] = (("never",), (1, b""))
+NOT_UP: tuple[tuple[str, ...], tuple[int, bytes]] = (("sh", "-c", "false"), (1, b""))
 """A probe that always says no."""
 QUARANTINED = "failed"
 """The code of a waiting that only another change of the manifests ends."""
@@ -85,7 +85,14 @@ class World:
             if (self.folder / name).exists():
                 shutil.copytree(self.folder / name, kept / name, symlinks=True, ignore=no_sockets)
         told = {name: copy.copy(getattr(self, name)) for name in ("specs", "gone", "asked")}
-        self.kept = dict(self.engine.sim.containers), (dict(self.engine.sim.objects), told)
+        self.kept = self.found(), (dict(self.engine.sim.objects), told)
+
+    def prepare(self, given: Callable[[Any], Any]) -> None:
+        """Make the world that every case finds."""
+        self.wipe()
+        given(self)
+        self.kill()
+        self.keep()
 
     def restore(self) -> None:
         """Begin a case."""
@@ -102,6 +109,10 @@ class World:
         self.engine.sim._ran.update({c: (0.0, 0.0) for c in containers})
         for name, value in told.items():
             setattr(self, name, copy.copy(value))
+        self.begin(containers)
+
+    def begin(self, containers: Mapping[str, Container]) -> None:
+        """Begin the log of a case: what is there has answered its probe."""
         self.doubtful, self.deaths = {}, 0
         self.engine.log.add("given", containers=dict(containers))
         for container in (c for c in containers.values() if c.service):
@@ -190,7 +201,7 @@ class World:
 
     def states(self) -> dict[str, str]:
         """Service -> state of the container that counts."""
-        found = sorted(self.engine.sim.containers.copy().values(), key=lambda c: (c.alive, c.started_at))
+        found = sorted(self.found().values(), key=lambda c: (c.alive, c.started_at))
         return {c.service: c.state for c in found if c.service}
 
     def until(self, **states: str) -> None:
@@ -199,7 +210,11 @@ class World:
         self.when_alive(lambda: {n: self.states().get(n, "gone") for n in wanted} == wanted, f"not so: {wanted}")
 
     def containers(self, name: str) -> list[Container]:
-        return [c for c in self.engine.sim.containers.copy().values() if c.service == name]
+        return [c for c in self.found().values() if c.service == name]
+
+    def found(self) -> dict[str, Container]:
+        """All containers that the engine has."""
+        return self.engine.sim.containers.copy()
 
     def git(self, *words: str, folder: Path | None = None) -> str:
         who = ["-c", "user.name=x", "-c", "user.email=x@x", "-c", "init.defaultBranch=main"]
@@ -230,7 +245,7 @@ class World:
         return None
 
     def end(self, status: Mapping[str, Any]) -> dict[str, Any]:
-        containers = [c for c in self.engine.sim.containers.values() if c.service]
+        containers = [c for c in self.found().values() if c.service and c.id != STRANGER]
         document = self.document()
         files = {str(p.relative_to(self.tree)): p.read_text() for p in sorted(self.tree.rglob("*.yaml"))}
         return {

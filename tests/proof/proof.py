@@ -8,12 +8,14 @@ import shutil
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 import cases
 import scenarios
+from acts import Acts
 from world import Died
 
 GIVEN = {name: os.environ.get(f"RORG_PROOF_{name}", "") for name in ("SCENARIO", "POINT", "EVERY", "MOST", "STOP")}
@@ -33,10 +35,10 @@ def chosen(player: cases.Player) -> list[tuple[int, str]]:
     return chance.sample(points, min(len(points), int(GIVEN["MOST"]))) if GIVEN["MOST"] else points
 
 
-def one_scenario(name: str, folder: Path) -> list[cases.Result]:
+def one_scenario(name: str, folder: Path, make: Callable[[Path], Acts]) -> list[cases.Result]:
     began = time.monotonic()
     try:
-        player = cases.Player(scenarios.SCENARIOS[name], folder)
+        player = cases.Player(scenarios.SCENARIOS[name], folder, make)
     except (AssertionError, Died) as error:
         log = (folder / "rorg.log").read_text(errors="replace")[-3000:]
         print(f"{name}: broken: {type(error).__name__} {error}\n{log}", flush=True)
@@ -57,12 +59,12 @@ def one_scenario(name: str, folder: Path) -> list[cases.Result]:
     return results
 
 
-def main(names: list[str]) -> int:
+def main(names: list[str], make: Callable[[Path], Acts] = Acts) -> int:
     print(f"RORG_TEST_SEED={SEED}", flush=True)
     folder, results = Path(tempfile.mkdtemp(prefix="rorg-proof.")), list[cases.Result]()
     try:
         for name in names or ([GIVEN["SCENARIO"]] if GIVEN["SCENARIO"] else scenarios.SCENARIOS):
-            results += one_scenario(name, folder / name)
+            results += one_scenario(name, folder / name, make)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
     broken = sum(bool(r.violations) for r in results)
