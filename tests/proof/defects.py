@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent.parent
+IGNORED = shutil.ignore_patterns("__pycache__", "*.pyc")
 MOST = 60
 """Points within which a defect must be caught."""
 
@@ -35,6 +36,16 @@ def defect(name: str, scenario: str, *edits: tuple[str, str, str]) -> Defect:
 
 UNCHECKED = ("core/check.py", "        if unready:\n", "        if False and unready:\n")
 BESIDE = ("core/check.py", "beside = not situation.engine.rolls", "beside = False")
+OURS = """
+def ours(container: Container) -> bool:
+    import os
+
+    from rorg.model.units import stamp
+
+    return container.created_at >= stamp(os.stat(f"/proc/{os.getpid()}").st_ctime)
+
+
+"""
 DEFECTS = (
     defect(
         "contents without fsync",
@@ -92,13 +103,14 @@ DEFECTS = (
         BESIDE,
     ),
     defect(
-        "containers that never ran are not adopted",
+        "containers of an earlier rorg are not adopted",
         "first-apply",
         (
-            "core/observed.py",
-            "        if container.service:\n",
-            '        if container.service and container.state != "created":\n',
+            "core/reconcile.py",
+            "if not d.recreate and c.id not in self.moved), None)",
+            "if not d.recreate and ours(c)), None)",
         ),
+        ("core/reconcile.py", "class _Reconciled:\n", f"{OURS}class _Reconciled:\n"),
     ),
     defect(
         "containers without a service are taken for one",
@@ -160,7 +172,7 @@ DEFECTS = (
 def planted(one: Defect, folder: Path) -> Path:
     """A copy of rorg with the defect."""
     for name in ("rorg", "clients/python"):
-        shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__", "*.pyc"))
+        shutil.copytree(ROOT / name, folder / name, symlinks=True, ignore=IGNORED)
     for name, text, other in one.edits:
         path = folder / "rorg" / name
         content = path.read_text()

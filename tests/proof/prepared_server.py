@@ -13,6 +13,8 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
+import effects  # noqa: F401
+import engine_link  # noqa: F401
 import fork_server
 
 import rorg.api.server
