@@ -6,6 +6,7 @@ import contextlib
 import os
 from typing import Any
 
+import commands
 from conftest import wait_for
 from world import PATIENCE, Died, World
 
@@ -33,6 +34,21 @@ class Acts(World):
             return [c.state for c in found] == ["running"] and found[0].digest not in self.first(name)
 
         self.when_alive(look, f"{name} has not changed")
+
+    def successor(self, name: str) -> None:
+        """Wait until its change has made another container, which is proven."""
+        self.when_alive(lambda: len(self.containers(name)) == 2, f"{name} has no successor")
+        self.when_alive(lambda: len(self.containers(name)) == 1, f"the successor of {name} is not proven")
+
+    def command(self, *words: str) -> None:
+        """A command of rorg, of which nobody dies but the rorg that it talks to."""
+        self.when_alive(self._served, " ".join(words))
+        state = ["--state-dir", str(self.state.path)]
+        nowhere = {**os.environ, "DOCKER_HOST": f"unix://{self.folder}/no-engine"}
+        done = commands.run([*words, "--yes", *state], nowhere, self.folder)
+        self.engine.log.add("told", text=f"{' '.join(words)}: exit code {done.returncode} {done.stderr[-200:]}")
+        if done.returncode:
+            self.when_alive(lambda: False if self._served() else None, done.stderr)
 
     def refused(self, name: str) -> None:
         """Wait until its change was taken back."""

@@ -38,7 +38,7 @@ def chosen(player: cases.Player) -> list[tuple[int, str]]:
 def one_scenario(name: str, folder: Path, make: Callable[[Path], Acts]) -> list[cases.Result]:
     began = time.monotonic()
     try:
-        player = cases.Player(scenarios.SCENARIOS[name], folder, make)
+        player = cases.Player(scenarios.ALL[name], folder, make)
     except (AssertionError, Died) as error:
         log = (folder / "rorg.log").read_text(errors="replace")[-3000:]
         print(f"{name}: broken: {type(error).__name__} {error}\n{log}", flush=True)
@@ -63,7 +63,7 @@ def main(names: list[str], make: Callable[[Path], Acts] = Acts) -> int:
     print(f"RORG_TEST_SEED={SEED}", flush=True)
     folder, results = Path(tempfile.mkdtemp(prefix="rorg-proof.")), list[cases.Result]()
     try:
-        for name in names or ([GIVEN["SCENARIO"]] if GIVEN["SCENARIO"] else scenarios.SCENARIOS):
+        for name in names or ([GIVEN["SCENARIO"]] if GIVEN["SCENARIO"] else scenarios.ALL):
             results += one_scenario(name, folder / name, make)
     finally:
         shutil.rmtree(folder, ignore_errors=True)

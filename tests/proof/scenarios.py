@@ -1,63 +1,14 @@
-"""What happens on a robot, each as a short function.
+"""What happens on a robot, each as a short declaration: what is requested, changed, restarted, taken down.
 
-Missing: shedding (the sim engine uses nothing of this machine, so there is no load to shed), retention (which waits for
-a thousand changes), image builds and prunes (they need an engine with images), `rorg restore` and rollback by the
-command (here the commit that they make is made by git).
+Missing: shedding (the sim engine uses nothing of this machine, so there is no load to shed), image builds and prunes
+(they need an engine with images). See tree_scenarios.py for manifests in git, and for the history.
 """
 
 from __future__ import annotations
 
-from typing import Any
-
+import tree_scenarios  # noqa: F401 - it adds its own
 from acts import Acts as World
-from cases import Scenario, Step
-
-PROBE = {"exec": ["sh", "-c", "true"], "interval": "100ms", "timeout": "2s"}
-NO = {"exec": ["sh", "-c", "false"], "interval": "100ms", "timeout": "200ms"}
-SCENARIOS: dict[str, Scenario] = {}
-
-
-def service(**spec: Any) -> dict[str, Any]:
-    """A service with a probe, whose changes are proven soon."""
-    return {"ready": PROBE, "update": {"bake": "100ms"}, **spec}
-
-
-def always(**spec: Any) -> dict[str, Any]:
-    return service(always_on=True, **spec)
-
-
-def edition(number: int) -> dict[str, Any]:
-    """Options that make another container."""
-    return {"container": {"environment": {"EDITION": str(number)}}}
-
-
-def declared(**services: dict[str, Any]) -> Step:
-    return lambda world: world.declare(services)
-
-
-def running(*names: str) -> Step:
-    return lambda world: world.until(**dict.fromkeys(names, "running"))
-
-
-def settled(*first: Step) -> Step:
-    """A world in which rorg has run until nothing was left to do."""
-
-    def given(world: World) -> None:
-        declare, *rest = first
-        declare(world)
-        world.start()
-        for step in rest:
-            step(world)
-        world.rest()
-
-    return given
-
-
-def scenario(name: str, given: Step, *steps: Step, ends: bool = False) -> None:
-    SCENARIOS[name] = Scenario(name, given, steps, ends)
-
-
-BASE, ARM = always(), always(needs=["base"])
+from given import ARM, BASE, NO, SCENARIOS, always, declared, edition, running, scenario, service, settled
 
 scenario("first-apply", declared(base=BASE, arm=ARM, cam=always(needs=["arm"])), running("base", "arm", "cam"))
 scenario(
@@ -214,56 +165,6 @@ def with_network(world: World) -> None:
 scenario("objects", with_network, running("base"))
 
 
-def in_git(world: World) -> None:
-    world.declare({"base": BASE, "cam": service()})
-    for words in (["init", "-q"], ["add", "-A"], ["commit", "-qm", "all"]):
-        world.git(*words)
-
-
-scenario(
-    "manifest-put",
-    settled(in_git),
-    lambda w: w.put_manifest("base", "always_on: true", "container: {environment: {EDITION: two}}\n  always_on: true"),
-    lambda w: w.changed("base"),
-)
-scenario("manifest-delete", settled(in_git), lambda w: w.delete_manifest("cam"))
-
-
-def second_commit(world: World) -> None:
-    in_git(world)
-    world.start()
-    world.until(base="running")
-    world.rest()
-    world.declare({"base": always(**edition(2)), "cam": service()})
-    world.git("commit", "-qam", "second")
-    world.when_alive(lambda: len(world.containers("base")) == 2, "a successor")
-    world.when_alive(lambda: len(world.containers("base")) == 1, "only the successor")
-    world.rest()
-
-
-scenario("rollback", second_commit, lambda w: w.git_back(), lambda w: w.changed("base"))
-
-
-def followed(world: World) -> None:
-    world.declare({"base": BASE})
-    world.tree.rename(world.upstream)
-    for words in (["init", "-q"], ["add", "-A"], ["commit", "-qm", "all"]):
-        world.git(*words, folder=world.upstream)
-    world.tree.mkdir()
-    world.options = ("--git", str(world.upstream), "--poll", "1m")
-    world.start()
-    world.until(base="running")
-    world.rest()
-
-
-scenario(
-    "git-fetch",
-    followed,
-    lambda w: w.commit_upstream(
-        "base", "always_on: true", "always_on: true\n  container: {environment: {EDITION: two}}"
-    ),
-    lambda w: w.changed("base"),
-)
 scenario(
     "down",
     settled(
@@ -275,3 +176,5 @@ scenario(
     lambda w: w.down(),
     ends=True,
 )
+
+ALL = SCENARIOS

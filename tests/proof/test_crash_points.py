@@ -9,7 +9,7 @@ import time
 import pytest
 from cases import Player
 from effects import SIDES
-from scenarios import SCENARIOS
+from scenarios import ALL
 
 BUDGET = float(os.environ.get("RORG_PROOF_BUDGET") or 0.5)
 """Seconds for the points of a scenario, beyond the first ones."""
@@ -21,10 +21,10 @@ def last_answer(player: Player) -> list[tuple[int, str]]:
     return [(number, SIDES[-1]) for number in numbers[-1:]]
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("name", ALL)
 def test_nothing_is_lost_at_any_point(name, tmp_path, request):
     seed = request.config.getoption("hypothesis_seed")
-    player = Player(SCENARIOS[name], tmp_path)
+    player = Player(ALL[name], tmp_path)
     try:
         points = list(player.points())
         random.Random(f"{seed} {name}").shuffle(points)

@@ -16,6 +16,7 @@ import commands
 import yaml
 from conftest import wait_for
 from engine_link import EngineServer, EngineWorld
+from histories import integrity
 from promises import STRANGER, Story
 from robots import write_tree
 
@@ -258,12 +259,14 @@ class World:
             "commits": self.git("log", "--format=%s") if (self.tree / ".git").exists() else "",
             "uncommitted": self.git("status", "--porcelain") if (self.tree / ".git").exists() else "",
             "left": self.leftovers(),
+            "journal": integrity(self.state.journal) if self.state.journal.exists() else "",
             "services": {n: (s["sync"], s["health"]) for n, s in status.get("services", {}).items()},
         }
 
     def leftovers(self) -> list[str]:
         """Files on their way to their place, of an rorg that is dead."""
         found = (*self.tree.glob("*/.*"), *self.state.path.glob(".*.*.????????"))
+        found += tuple(self.state.path.glob("journal.damaged*"))
         own = f".{self.process.pid}." if self.process else "-"
         return [p.name for p in found if own not in p.name]
 
