@@ -1,4 +1,5 @@
-"""Kills rorg at a sample of its effects, in every scenario; all of them by `make proof`. A failure names its case."""
+"""Kills rorg at a few of its effects, in some scenarios that the seed draws; at all of them by `make proof`. A failure
+names its case."""
 
 from __future__ import annotations
 
@@ -11,6 +12,8 @@ from cases import Player
 from effects import SIDES
 from scenarios import ALL
 
+DRAWN = 14
+"""Scenarios of a run."""
 BUDGET = float(os.environ.get("RORG_PROOF_BUDGET") or 0.5)
 """Seconds for the points of a scenario, beyond the first ones."""
 
@@ -21,9 +24,10 @@ def last_answer(player: Player) -> list[tuple[int, str]]:
     return [(number, SIDES[-1]) for number in numbers[-1:]]
 
 
-@pytest.mark.parametrize("name", ALL)
-def test_nothing_is_lost_at_any_point(name, tmp_path, request):
+@pytest.mark.parametrize("number", range(DRAWN))
+def test_nothing_is_lost_at_any_point(number, tmp_path, request):
     seed = request.config.getoption("hypothesis_seed")
+    name = random.Random(str(seed)).sample(sorted(ALL), DRAWN)[number]
     player = Player(ALL[name], tmp_path)
     try:
         points = list(player.points())
