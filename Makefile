@@ -43,10 +43,12 @@ properties: $(VENV)/test-installed
 	RORG_TEST_EXAMPLES=$(or $(EXAMPLES),1000) $(BIN)/pytest tests/test_properties.py $(ARGS)
 
 # rorg is killed at every effect it has (each write, call of the engine, commit, answer to a client), in every scenario of
-# tests/proof, on an engine that outlives it; then defects are planted, which must be found. One to two hours.
+# tests/proof, on an engine that outlives it; at some of them the rorg that follows is killed too. Then defects are
+# planted, which must be found. One to two hours.
 # RORG_PROOF_EVERY=10 for every tenth point; RORG_PROOF_SCENARIO=down RORG_PROOF_POINT=31:power repeats one case.
 proof: $(VENV)/test-installed
 	$(BIN)/python tests/proof/proof.py $(ARGS)
+	RORG_PROOF_TWICE=1 RORG_PROOF_EVERY=$(or $(RORG_PROOF_EVERY),8) $(BIN)/python tests/proof/proof.py $(ARGS)
 	$(BIN)/python tests/proof/defects.py
 
 # The same on a private Docker engine, as root: RORG_PROOF_MOST points of each scenario, by default 45. An hour.

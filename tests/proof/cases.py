@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import random
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -56,6 +57,7 @@ class Player:
 
     def __init__(self, scenario: Scenario, folder: Path, make: Callable[[Path], World] = World) -> None:
         self.scenario = scenario
+        self.twice: random.Random | None = None
         folder.mkdir(parents=True, exist_ok=True)
         self.world = make(folder)
         try:
@@ -86,7 +88,7 @@ class Player:
                     yield number, side
 
     def play(self, point: int, side: str, show: bool = False) -> Result:
-        """One case."""
+        """One case. With `twice`, the rorg after the kill is killed too, at a point that it draws."""
         began, world = time.monotonic(), self.world
         world.restore()
         world.start(point, side)
@@ -136,7 +138,10 @@ class Player:
         if world.deaths > MOST_DEATHS:
             raise RuntimeError("rorg dies again and again")
         world.check_requests()
-        world.start()
+        if self.twice and world.deaths == 1:
+            world.start(self.twice.randint(1, len(self.effects)), self.twice.choice(SIDES))
+        else:
+            world.start()
 
     def _end(self) -> dict[str, Any]:
         if not self.scenario.ends:

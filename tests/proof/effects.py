@@ -24,6 +24,7 @@ GIT_READS = ("rev-parse", "cat-file", "log", "show", "status", "ls-files", "ls-t
 GIT_READS += ("check-ignore", "version", "--version", "symbolic-ref", "show-ref", "ls-remote", "merge-base", "var")
 """Commands of git that change nothing."""
 OPEN = io.open
+"""Without counting."""
 COMMITS = ("COMMIT", "PRAGMA wal_checkpoint")
 
 
@@ -69,7 +70,7 @@ class Effects:
         self.number, self.disk = 0, Disk()
         self._lock = threading.RLock()
         self._trace = os.open(trace, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC)
-        self._write, self._open, self._rename = os.write, os.open, os.replace
+        self._write = os.write
 
     @contextlib.contextmanager
     def effect(self, what: str) -> Iterator[None]:

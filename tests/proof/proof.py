@@ -18,8 +18,11 @@ import scenarios
 from acts import Acts
 from world import Died
 
-GIVEN = {name: os.environ.get(f"RORG_PROOF_{name}", "") for name in ("SCENARIO", "POINT", "EVERY", "MOST", "STOP")}
-"""What to play: one scenario, one point of it, every so many points, at most so many, until the first violation."""
+GIVEN = {
+    name: os.environ.get(f"RORG_PROOF_{name}", "") for name in ("SCENARIO", "POINT", "EVERY", "MOST", "STOP", "TWICE")
+}
+"""What to play: one scenario, one point of it, every so many points, at most so many, until the first violation; and
+whether the next rorg is killed too."""
 SEED = int(os.environ.get("RORG_TEST_SEED") or random.SystemRandom().getrandbits(32))
 SHOWN = 3
 """Violations of a scenario that are shown with their log."""
@@ -46,6 +49,8 @@ def one_scenario(name: str, folder: Path, make: Callable[[Path], Acts]) -> list[
     results: list[cases.Result] = []
     broken = 0
     for point, side in chosen(player):
+        if GIVEN["TWICE"]:
+            player.twice = random.Random(f"{SEED} {name} {point} {side}")
         results.append(player.play(point, side, bool(GIVEN["POINT"])))
         broken += bool(results[-1].violations)
         if results[-1].violations or GIVEN["POINT"]:
