@@ -77,6 +77,21 @@ def nothing_is_made_twice(story: Story) -> Iterator[str]:
         before = entry.containers or before
 
 
+def nothing_is_tried_more_often(story: Story) -> Iterator[str]:
+    """A crash makes no container that would not be made without it: a change that failed is not tried again."""
+    if story.reference:
+        wanted = made_of(story.reference)
+        yield from (
+            f"{key[0]} was made {n} times from {key[1]}" for key, n in made_of(story).items() if n > wanted[key]
+        )
+
+
+def made_of(story: Story) -> Counter[tuple[str, str]]:
+    """How often containers were made, by service and digest."""
+    made = (e.containers[e.container] for e in story.entries if e.verb == "create")
+    return Counter((c.service, c.digest) for c in made)
+
+
 def strangers_are_left_alone(story: Story) -> Iterator[str]:
     for entry in story.entries:
         stranger = entry.containers.get(STRANGER)
@@ -151,6 +166,7 @@ PROMISES: tuple[Callable[[Story], Iterator[str]], ...] = (
     acknowledged_requests_count,
     one_container_lives,
     nothing_is_made_twice,
+    nothing_is_tried_more_often,
     strangers_are_left_alone,
     needs_are_ready_first,
     exclusive_is_exclusive,

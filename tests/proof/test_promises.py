@@ -44,6 +44,8 @@ CASES = {
     ],
     "it_converges": [told("late")],
 }
+COMPARED = ("it_ends_as_without_a_crash", "nothing_is_tried_more_often")
+"""Promises about the same run without a crash."""
 SOUND = [GIVEN, PROVEN, entry("create", NEXT, BASE, replace(NEXT, state="created"))]
 SOUND += [
     entry("start", NEXT, replace(BASE, state="exited", exit_code=0), NEXT),
@@ -60,9 +62,10 @@ def test_a_promise_can_be_broken(name):
 def test_the_end_can_differ():
     calm = Story([], SPECS, end={"containers": []})
     assert list(promises.it_ends_as_without_a_crash(Story([], SPECS, end={"containers": [1]}, reference=calm)))
+    assert list(promises.nothing_is_tried_more_often(Story(SOUND, SPECS, reference=calm)))
     assert list(promises.it_converges(Story([GIVEN, PROVEN, *[GIVEN] * 20], SPECS, reference=calm)))
 
 
 def test_a_proper_replacement_breaks_none():
     assert promises.violations(Story(SOUND, SPECS)) == []
-    assert {promise.__name__ for promise in promises.PROMISES} == {*CASES, "it_ends_as_without_a_crash"}
+    assert {promise.__name__ for promise in promises.PROMISES} == {*CASES, *COMPARED}
