@@ -8,9 +8,10 @@ from typing import Any
 
 import commands
 from conftest import wait_for
+from robots import write_tree
 from world import PATIENCE, Died, World
 
-from rorg.client import Error, Refused
+from rorg.client import Error, NotFound, Refused
 from rorg.core.observed import Container
 
 HAND = """requests:
@@ -21,6 +22,27 @@ HAND = """requests:
 
 class Acts(World):
     """A world in which somebody acts."""
+
+    def declare(self, services: dict[str, dict[str, Any]], **kinds: dict[str, dict[str, Any]]) -> None:
+        self.specs.update(services)
+        write_tree(self.tree, services, **kinds)
+        self.engine.log.add("declare", text=", ".join(services))
+
+    def request(self, id: str, *services: str, **more: Any) -> None:
+        lease = "ttl" in more
+        if not lease:
+            self.doubtful.setdefault(id, []).append(services)
+        self.call("PUT", f"/v1/requests/{id}", {"services": list(services), **more})
+        if not lease:
+            self.asked[id] = services
+            self.doubtful.pop(id)
+
+    def release(self, id: str) -> None:
+        self.doubtful.setdefault(id, []).append(None)
+        with contextlib.suppress(NotFound):
+            self.call("DELETE", f"/v1/requests/{id}")
+        self.asked[id] = None
+        self.doubtful.pop(id)
 
     def first(self, name: str) -> dict[str, str]:
         """Digest and start of the containers of a service at the beginning of the case."""

@@ -18,9 +18,8 @@ from conftest import wait_for
 from engine_link import EngineServer, EngineWorld
 from histories import integrity
 from promises import STRANGER, Story
-from robots import write_tree
 
-from rorg.client import Client, Error, NotFound, Unreachable
+from rorg.client import Client, Error, Unreachable
 from rorg.core.observed import Container
 from rorg.store.requests_file import RequestsFile
 from rorg.store.state_dir import StateDir
@@ -179,27 +178,6 @@ class World:
 
     # -- steps -----------------------------------------------------------------------------------------------------
 
-    def declare(self, services: dict[str, dict[str, Any]], **kinds: dict[str, dict[str, Any]]) -> None:
-        self.specs.update(services)
-        write_tree(self.tree, services, **kinds)
-        self.engine.log.add("declare", text=", ".join(services))
-
-    def request(self, id: str, *services: str, **more: Any) -> None:
-        lease = "ttl" in more
-        if not lease:
-            self.doubtful.setdefault(id, []).append(services)
-        self.call("PUT", f"/v1/requests/{id}", {"services": list(services), **more})
-        if not lease:
-            self.asked[id] = services
-            self.doubtful.pop(id)
-
-    def release(self, id: str) -> None:
-        self.doubtful.setdefault(id, []).append(None)
-        with contextlib.suppress(NotFound):
-            self.call("DELETE", f"/v1/requests/{id}")
-        self.asked[id] = None
-        self.doubtful.pop(id)
-
     def states(self) -> dict[str, str]:
         """Service -> state of the container that counts."""
         found = sorted(self.found().values(), key=lambda c: (c.alive, c.started_at))
@@ -259,9 +237,14 @@ class World:
             "commits": self.git("log", "--format=%s") if (self.tree / ".git").exists() else "",
             "uncommitted": self.git("status", "--porcelain") if (self.tree / ".git").exists() else "",
             "left": self.leftovers(),
-            "journal": integrity(self.state.journal) if self.state.journal.exists() else "",
+            "damage": self.damage(),
             "services": {n: (s["sync"], s["health"]) for n, s in status.get("services", {}).items()},
         }
+
+    def damage(self) -> str:
+        """Of the journal; empty if it is sound, or if there is none."""
+        found = integrity(self.state.journal) if self.state.journal.exists() else "ok"
+        return "" if found == "ok" else found
 
     def leftovers(self) -> list[str]:
         """Files on their way to their place, of an rorg that is dead."""
