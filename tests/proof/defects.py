@@ -199,7 +199,7 @@ def caught(one: Defect) -> str:
         shutil.rmtree(folder, ignore_errors=True)
     if done.returncode != 1:
         return ""
-    broken = re.search(r"^(?:\S+: broken: .*without a kill: \['|)([a-z_]+: .*)$", done.stdout, re.MULTILINE)
+    broken = re.search(r"^(?:\S+: broken: \w+ )?(.*?([a-z_]+: .*|not within .*))$", done.stdout, re.MULTILINE)
     points = re.search(r"(\d+) points \(", done.stdout)
     return f"{points[1] if points else 'no'} points: {broken[1][:160] if broken else done.stdout[-300:]}"
 
