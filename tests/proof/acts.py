@@ -140,7 +140,7 @@ class Acts(World):
 
     def commit_upstream(self, name: str, old: str, new: str) -> None:
         path = self.upstream / "services" / f"{name}.yaml"
-        if old in path.read_text():
+        if new not in path.read_text():
             path.write_text(path.read_text().replace(old, new))
             self.git("commit", "-qam", "second", folder=self.upstream)
         self.call("POST", "/v1/fetch")

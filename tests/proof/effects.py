@@ -50,9 +50,10 @@ class Disk:
 
     def lose(self) -> None:
         """Leave the disk as a loss of power may: a new name without its content, or the old name and content."""
-        for path in filter(os.path.isfile, self.unsynced):
-            os.truncate(path, 0)
-        for path, old in self.former.items():
+        for path in filter(os.path.isfile, tuple(self.unsynced)):  # other threads go on until they are killed
+            with contextlib.suppress(FileNotFoundError):
+                os.truncate(path, 0)
+        for path, old in tuple(self.former.items()):
             if path in self.unsynced:
                 continue
             if old is None:
