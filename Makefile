@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: site demo test engines pythons properties fuzz soak ros2 lint types bench corpus schemas docs evaluation constraints deb packages arm vm machines clean
+.PHONY: site demo test engines pythons properties fuzz proof proof-docker soak ros2 lint types bench corpus schemas docs evaluation constraints deb packages arm vm machines clean
 
 # Debian keeps the venv of its Python in a package of its own; .ci/venv sees to that.
 $(BIN)/rorg: pyproject.toml
@@ -41,6 +41,19 @@ fuzz: $(VENV)/test-installed
 # minutes for each. A failure names its seed, and RORG_TEST_SEED=N draws the same examples again.
 properties: $(VENV)/test-installed
 	RORG_TEST_EXAMPLES=$(or $(EXAMPLES),1000) $(BIN)/pytest tests/test_properties.py $(ARGS)
+
+# rorg is killed at every effect it has (each write, call of the engine, commit, answer to a client), in every scenario of
+# tests/proof, on an engine that outlives it; at some of them the rorg that follows is killed too. Then defects are
+# planted, which must be found. One to two hours.
+# RORG_PROOF_EVERY=10 for every tenth point; RORG_PROOF_SCENARIO=down RORG_PROOF_POINT=31:power repeats one case.
+proof: $(VENV)/test-installed
+	$(BIN)/python tests/proof/proof.py $(ARGS)
+	RORG_PROOF_TWICE=1 RORG_PROOF_EVERY=$(or $(RORG_PROOF_EVERY),8) $(BIN)/python tests/proof/proof.py $(ARGS)
+	$(BIN)/python tests/proof/defects.py
+
+# The same on a private Docker engine, as root: RORG_PROOF_MOST points of each scenario, by default 45. An hour.
+proof-docker: $(VENV)/test-installed
+	RORG_PROOF_MOST=$(or $(RORG_PROOF_MOST),45) $(BIN)/python tests/proof/docker_world.py $(ARGS)
 
 # ROS 2: all its tests, a thousand requests and releases through its node, five minutes of kills, and what pausing does to
 # peers (docs/how-to/ros2.md).

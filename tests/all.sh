@@ -10,7 +10,7 @@ mkdir -p "$logs"
 RORG_TEST_SHARED=$(mktemp -d)  # what one run has made, as a wheel, is there for the others
 export RORG_TEST_SHARED
 trap 'rm -rf "$RORG_TEST_SHARED"' EXIT
-"$pytest" -m "not docker" tests/hostile tests/test_properties.py tests/test_[s-z]*.py >"$logs/hostile" 2>&1 &
+"$pytest" -m "not docker" tests/hostile tests/proof tests/test_properties.py tests/test_[s-z]*.py >"$logs/hostile" 2>&1 &
 hostile=$!
 "$pytest" -m "not docker" tests/test_[a-d]*.py >"$logs/first" 2>&1 &
 first=$!

@@ -21,6 +21,9 @@ class Forked:
     """A running `rorg`, as `subprocess.Popen` shows it; begun as a fork of fork_server.py, which takes a tenth of the
     time. Unless said otherwise it has nothing for its standard input, and what it says goes where ours goes."""
 
+    server = "fork_server.py"
+    """What it is a fork of, in the folder of the tests."""
+
     def __init__(
         self,
         words: list[str],
@@ -42,7 +45,7 @@ class Forked:
         with other, open(os.devnull) as nothing:
             given = nothing if stdin == subprocess.DEVNULL else stdin
             files = [f.fileno() for f in (other, given, stdout or sys.__stdout__, stderr or sys.__stderr__)]
-            socket.send_fds(_server(), [json.dumps(told).encode()], files)
+            socket.send_fds(_server(self.server), [json.dumps(told).encode()], files)
         self.pid = int(self._ended.recv(20))
 
     def wait(self, timeout: float | None = None) -> int:
@@ -74,11 +77,11 @@ class Forked:
 
 
 @functools.cache
-def _server() -> socket.socket:
+def _server(script: str) -> socket.socket:
     """Where processes are begun; it ends with us."""
     ours, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with other:
-        subprocess.Popen([sys.executable, str(Path(__file__).with_name("fork_server.py"))], stdin=other)
+        subprocess.Popen([sys.executable, str(Path(__file__).parent / script)], stdin=other)
     return ours
 
 

@@ -31,7 +31,8 @@ if TYPE_CHECKING:
     from ros2_programs import Ros2
 
 ROOT = Path(__file__).parent.parent
-for _name in [name for name in os.environ if name.startswith("RORG_") and not name.startswith("RORG_TEST_")]:
+OURS = "RORG_TEST_", "RORG_PROOF_"
+for _name in [name for name in os.environ if name.startswith("RORG_") and not name.startswith(OURS)]:
     del os.environ[_name]  # of whoever runs the tests: they are about robots of their own
 # What is called python3 is this Python, not a script that looks for one and hears the signals that are meant for it.
 os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).resolve().parent), os.environ.get("PATH", os.defpath)])

@@ -9,9 +9,13 @@ import commands
 import psutil
 import pytest
 from conftest import wait_for
-from robots import WORK
+from robots import WORK, VirtualRobot
 from rorg_client import Client, Forbidden
 from rorg_process import RorgProcess
+
+from rorg.core.observed import Container
+from rorg.daemon.teardown import is_down
+from rorg.store.requests_document import RequestsDocument
 
 SERVICES = {
     "base": {"always_on": True, "driver": {}},
@@ -160,6 +164,18 @@ def test_apply_brings_up_what_is_down(robot):
     rorg(robot, "apply", str(robot.tree), "--yes", "--wait")
     robot.start(env={**os.environ, "RORG_STAY_DOWN": "1"})
     robot.client(patience=60.0).wait("base", timeout=60)
+
+
+def test_a_container_that_names_no_service_keeps_nothing_up(tmp_path):
+    """It is left alone, so the robot is down without it."""
+    virtual = VirtualRobot(tmp_path)
+    virtual.declare({"people": {"type": "meta"}})
+    left_alone = Container("stray", "stray", "", "running")
+    virtual.sim.engine.containers["stray"] = left_alone
+    virtual.settle()
+    decision = virtual.sim.decision
+    assert decision.situation.observed.containers == (left_alone,)
+    assert is_down(RequestsDocument(down=True), decision)
 
 
 def test_a_service_may_not(robot):

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from rorg.host.git import commit, committed, wait_for_locks
 from rorg.manifest.files import read_bytes, real
-from rorg.store.files import clear_leftovers, make_directory, write_atomic
+from rorg.store.files import clear_leftovers, make_directory, remove_durably, write_atomic
 from rorg.store.state_dir import read_json
 
 
@@ -44,7 +44,7 @@ class ManifestChange:
         path = self.place(root)
         write_atomic(note, json.dumps(asdict(self)))
         try:
-            (root / self.file).unlink() if text is None else _write(path, text)
+            remove_durably(root / self.file) if text is None else _write(path, text)
         except OSError:
             note.unlink()
             raise

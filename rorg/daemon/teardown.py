@@ -35,6 +35,6 @@ def is_down(document: RequestsDocument, decision: Decision | None) -> bool:
     if decision is None or not document.down or document.down_since:
         return False
     observed = decision.situation.observed
-    # A network whose removal was refused stays, because others use it.
+    # A network whose removal was refused stays, because others use it; so does a container that names no service.
     going = any(is_object(action.service) for action in decision.plan.actions)
-    return observed.complete and not (observed.containers or decision.memory.in_flight or going)
+    return observed.complete and not (observed.by_service() or decision.memory.in_flight or going)

@@ -81,11 +81,22 @@ def write_atomic(
         temporary.unlink(missing_ok=True)
         raise
     if durable:
-        directory = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
-        try:
-            os.fsync(directory)
-        finally:
-            os.close(directory)
+        _sync_names(path.parent)
+
+
+def remove_durably(path: Path) -> None:
+    """Remove a file, and wait until the disk knows. Raises OSError."""
+    path.unlink()
+    _sync_names(path.parent)
+
+
+def _sync_names(directory: Path) -> None:
+    """Wait until the disk has the names in a directory."""
+    descriptor = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def clear_leftovers(directory: Path) -> None:

@@ -1,0 +1,54 @@
+"""As tests/fork_server.py, with the API's application made beforehand, which would take most of rorg's start."""
+
+from __future__ import annotations
+
+import gc
+import os
+import runpy
+import signal
+import socket
+import sys
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parent.parent))
+
+import effects  # noqa: F401
+import engine_link  # noqa: F401
+import fork_server
+
+import rorg.api.server
+import rorg.cli.help
+from rorg.api.app import make_app
+
+
+class Later:
+    """The operations of the rorg that a fork becomes."""
+
+    target: Any = None
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(Later.target, name)
+
+
+def prepare() -> None:
+    """Make the application once, for the operations that come later."""
+    app = make_app(Later())  # type: ignore[arg-type]
+
+    def made(operations: object) -> object:
+        Later.target = app.state.operations = operations
+        return app
+
+    rorg.api.server.make_app = made  # type: ignore[assignment]
+
+
+if __name__ == "__main__":
+    rorg.cli.help.help_of_rorg()  # imports all commands
+    prepare()
+    del sys.path[0]
+    gc.freeze()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGCHLD, signal.SIG_IGN)
+    with socket.socket(fileno=os.dup(0)) as asked:
+        if fork_server.forks(asked):
+            fork_server.ended(lambda: runpy.run_path(sys.argv[0], run_name="__main__"))
