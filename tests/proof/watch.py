@@ -21,6 +21,7 @@ from rorg.tools.sim.robot import OFTEN, SimRobot
 
 UNEVENTFUL = 4
 """One of so many passes that repeat the pass before is compared with one that keeps nothing."""
+SPARING = 6
 EXACT = 1e-6
 """Seconds of tolerance for times that were rounded."""
 
@@ -60,10 +61,15 @@ class Reader(SimRobot):
 
     def inputs(self) -> Inputs:
         found, asked = super().inputs(), self.decision.to_look if self.cache else {}
-        new = {c.id: self.now for c in found.observed.containers if c.id in asked or c.id not in self.looked}
+        seen = self.visible(found.observed.containers, asked)
+        new = {c.id: self.now for c in seen if c.id in asked or c.id not in self.looked}
         self.looked = {**self.looked, **new}
-        self.read = replace(found, observed=replace(found.observed, looked=self.looked))
+        self.read = replace(found, observed=replace(found.observed, containers=seen, looked=self.looked))
         return self.read
+
+    def visible(self, present: tuple[Container, ...], asked: Mapping[str, float]) -> tuple[Container, ...]:  # noqa: ARG002
+        """What it sees of the present containers. It looks now at those that are `asked` for."""
+        return present
 
     def _seconds_to_next_probe(self) -> float:
         seconds = super()._seconds_to_next_probe()
@@ -84,9 +90,10 @@ class Reader(SimRobot):
 class Watch:
     """What happened to one robot so far. `passed` is called after each pass."""
 
-    def __init__(self, robot: Reader, check: Callable[[str, Watch], None]) -> None:
-        """`check` judges by all invariants of one moment: begin, call or pass."""
-        self.robot, self.check = robot, check
+    def __init__(self, robot: Reader, check: Callable[[str, Watch], None], sparing: bool = False) -> None:
+        """`check` judges by all invariants of one moment: begin, call or pass. A `sparing` watch compares only one in
+        SPARING passes with one that keeps nothing."""
+        self.robot, self.check, self.sparing = robot, check, sparing
         robot.engine.heard = self._called
         self.shed: tuple = ()
         """Services that are shed, and those that were before this pass."""
@@ -182,7 +189,7 @@ class Watch:
     def eventful(self) -> bool:
         """Whether to compare this pass with one that keeps nothing: passes that differ from the pass before, and some
         of those that do not."""
-        return self.repeated % UNEVENTFUL == 0
+        return self.repeated % UNEVENTFUL == 0 and not (self.sparing and self.passes % SPARING)
 
     @property
     def told(self) -> set[str]:
