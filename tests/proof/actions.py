@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from proof.registry import at
-from proof.watch import Watch, known, namespaces
+from proof.watch import EXACT, Watch, known, namespaces
 
 from rorg.core.joining import joined_of
 from rorg.core.observed import LABEL_SPEC
@@ -143,6 +143,50 @@ def the_good_stay_until_the_next_is_proven(watch: Watch) -> None:
     rest = [c for c in situation.observed.of(name) if c.id != action.container]
     proven = watch.robot.memory.of(name).update.proven
     assert any(c.id in watch.good or c.id == proven for c in rest), f"{name} has nothing to go back to"
+
+
+@at("begin")
+def dependants_end_first(watch: Watch) -> None:
+    """A service that nobody wants ends after all that need it."""
+    name, action = watch.action
+    situation, desired = watch.robot.decision.situation, watch.robot.desired
+    if action.verb not in ("stop", "pause", "deactivate") or name in situation.wanted or name not in watch.services:
+        return
+    active = [n for n in desired.dependants[name] if any(c.active for c in situation.observed.of(n))]
+    assert not active, f"{action} before {active}"
+
+
+@at("begin")
+def the_idle_linger(watch: Watch) -> None:
+    """A service that is no longer wanted runs on for its `linger`, unless something else wants its place."""
+    name, action = watch.action
+    situation, service = watch.robot.decision.situation, watch.services.get(name)
+    if action.verb not in ("stop", "pause") or service is None or name not in watch.unwanted:
+        return
+    rivals = service.exclusive or watch.robot.desired.conflicts[name] or name in situation.preempted
+    pressed = (
+        watch.robot.memory.pressure.engaged
+        or watch.robot.learned
+        or name in situation.unplugged
+        or name in situation.excluded
+    )
+    moved = any(c.id == action.container and c.joined for c in situation.observed.of(name)) or service.needs
+    running = any(c.active for c in situation.observed.of(name)[:1])
+    if not (rivals or pressed or moved or not running or action.part_of or action.surplus):
+        lingered = watch.robot.now - watch.unwanted[name]
+        assert lingered >= service.idle.linger - EXACT, f"{name} lingered for {lingered} s"
+
+
+@at("begin")
+def what_failed_is_not_tried_again(watch: Watch) -> None:
+    """An edition that failed is not tried again while there is a container to go back to."""
+    name, action = watch.action
+    edition = watch.robot.memory.of(name).update.edition
+    if action.verb == "create" and (name, edition) in watch.quarantined:
+        own = watch.robot.read.observed.of(name)
+        digest = watch.robot.desired.digests[name]
+        back = [c for c in own if c.started_at and c.digest != digest and c.state not in ("dead", "removing")]
+        assert not back or watch.services[name].joins, f"{name} tries {edition} again"
 
 
 # -- when the engine executes a call -------------------------------------------------------------------------------

@@ -1,7 +1,7 @@
 """The bound within which bounded worlds are explored completely, and the order of its worlds.
 
-Complete means: in every world of each line, every sequence of up to so many steps of the alphabet (steps.py) that begins
-with a request. After each step passes REST, or in one place of the sequence one of the pauses instead.
+Complete means: in every world of each line, every sequence of up to so many steps of the alphabet (steps.py) that
+begins with a request. After each step passes REST, or in one place of the sequence one of the pauses instead.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ BOUNDS = (
     Bound(services=1, features=0, steps=6, asked=True, pauses=(0.05,)),
     Bound(services=1, features=1, steps=4, asked=True, pauses=(0.05,)),
     Bound(services=2, features=0, steps=3, asked=True, pauses=(0.05,)),
+    Bound(services=2, features=1, steps=2, asked=True, pauses=(0.05,)),
     Bound(services=4, features=0, steps=2, asked=True, pauses=(0.05,)),
     Bound(services=3, features=1, steps=2, asked=True, pauses=(0.05,)),
-    Bound(services=2, features=2, steps=2, asked=True, pauses=(0.05,)),
 )
-SLICE = (2, 3, 2, 3, 10, 10)
+SLICE = (1, 2, 2, 6, 2, 6)
 """Worlds of each bound that a slice takes, and"""
 SAMPLE = 7
 """steps that it takes of each of their states."""

@@ -138,6 +138,25 @@ def no_request_is_lost_or_doubled(watch: Watch) -> None:
 
 
 @at("pass")
+def the_wanted_follow_the_rule(watch: Watch) -> None:
+    """Wanted is the least set with every meta-service, every service that is always on, all that live requests of its
+    members name, and all that its members need; less what gives way."""
+    situation, catalog = watch.robot.decision.situation, watch.robot.desired.catalog
+    requests = (*catalog.requests, *watch.robot.decision.settled.requests)
+    rule, pending = set[str](), [n for n, s in watch.services.items() if s.meta or s.always_on]
+    while pending:
+        name = pending.pop()
+        if name in rule or name in situation.preempted or name in situation.excluded or name not in watch.services:
+            continue
+        rule.add(name)
+        pending += watch.services[name].needs
+        pending += [m for r in requests if r.requester == name for s in r.services for m in catalog.members(s)]
+    found = situation.wanted.keys() - situation.prewarmed
+    if not watch.robot.memory.pressure.shed and not situation.withheld:
+        assert found == rule, f"wanted: {sorted(found)}, by the rule: {sorted(rule)}"
+
+
+@at("pass")
 def leases_run_out(watch: Watch) -> None:
     """A request whose lease was not renewed for its whole time is dropped."""
     read, asleep = watch.robot.read, {c.service for c in watch.robot.read.observed.containers if c.asleep}
@@ -145,7 +164,8 @@ def leases_run_out(watch: Watch) -> None:
         if request.ttl is not None and request.requester not in asleep:
             lease = watch.robot.memory.leases.get(request.key)
             until = lease.until if lease else read.now
-            assert read.now < until <= read.now + request.ttl + EXACT, f"{request.id} never ends"
+            most = watch.leased.get(lease_of(request, read.renewals), read.now) + request.ttl
+            assert read.now < until <= most + EXACT, f"{request.id} lasts longer than its lease"
 
 
 @at("pass")

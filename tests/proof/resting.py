@@ -68,6 +68,7 @@ def it_comes_to_rest(watch: Watch) -> None:
 def the_plan_is_empty_twice(watch: Watch) -> None:
     """A robot at rest has nothing to do: two passes without memory of a plan find no action."""
     read = watch.robot.read
+    assert not read.memory.in_flight.keys() - loops(watch), f"at rest, and yet under way: {read.memory.in_flight}"
     for _ in range(2):
         found = decide(replace(read, cache=None))
         left = [a for a in found.plan.actions if a.service not in loops(watch)]
@@ -153,6 +154,27 @@ def what_is_joined_is_there(watch: Watch) -> None:
             ended = id in namespaces(watch.services[name], run) and other and other.started_at > run.started_at
             whole = other is not None and other.active and not ended
             assert whole or name in waiting(watch), f"{name} is joined to {other or 'nothing'}"
+
+
+@at("rest")
+def runs_follow_those_that_they_count_on(watch: Watch) -> None:
+    """What restarts with a need runs since that need began, or later."""
+    for name in (watch.robot.active() & watch.services.keys()) - loops(watch) - waiting(watch):
+        run = next(c for c in all_of(watch, name) if c.active)
+        for need in watch.services[name].restarts_with:
+            other = next((c for c in all_of(watch, need) if c.active), None)
+            if other and watch.robot.memory.of(name).counted_on.needs.get(need) != other.incarnation:
+                assert other.started_at <= run.started_at, f"{name} runs on though {need} was restarted"
+
+
+@at("rest")
+def the_hung_are_restarted(watch: Watch) -> None:
+    """A run that was ready and does not answer any more has ended."""
+    for container in watch.robot.engine.list():
+        step = watch.robot.memory.of(container.service)
+        if container.alive and container.incarnation in watch.robot.hung and container.service in wanted(watch):
+            live = watch.services[container.service].live
+            assert not (live and step.was_ready), f"{container.service} hangs"
 
 
 @at("rest")

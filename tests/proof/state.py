@@ -20,8 +20,10 @@ from rorg.model.units import parse_time
 OLD = 100.0
 """Seconds; longer than the longest back-off and every other timer."""
 TIMES = frozenset(
-    """unwanted_since ceased_since running_since well_since unproven_since answered denied doubted_since at since until
-    changed_at""".split()
+    (
+        *("unwanted_since", "ceased_since", "running_since", "well_since", "unproven_since", "doubted_since"),
+        *("answered", "denied", "at", "since", "until", "changed_at"),
+    )
 )
 """Fields with a time of the loop's clock."""
 LEFT_OUT = frozenset(("admitted", "prediction", "pressure", "crashes", "stopped"))
@@ -67,7 +69,11 @@ def text_of(robot: WorldRobot, manifests: object) -> str:
     """The state as text. `manifests` says what they are now."""
     now, memory, engine = robot.now, robot.memory, robot.engine
     events = sorted(
-        (round(t - now, 4), do.func.__name__, [robot.life - a if isinstance(a, int) else plain(a, now) for a in do.args])
+        (
+            round(t - now, 4),
+            do.func.__name__,
+            [robot.life - a if type(a) is int else plain(a, now) for a in do.args],
+        )
         for t, _, do in robot._events
         if do.func.__name__ != "_nothing"
     )

@@ -168,5 +168,3 @@ DO: dict[str, Callable[..., bool]] = {
     "outage": outage,
     **{mode: partial(spoil_call, mode) for mode in CALLS},
 }
-
-

@@ -67,7 +67,7 @@ class Reader(SimRobot):
         self.read = replace(found, observed=replace(found.observed, containers=seen, looked=self.looked))
         return self.read
 
-    def visible(self, present: tuple[Container, ...], asked: Mapping[str, float]) -> tuple[Container, ...]:  # noqa: ARG002
+    def visible(self, present: tuple[Container, ...], asked: Mapping[str, float]) -> tuple[Container, ...]:
         """What it sees of the present containers. It looks now at those that are `asked` for."""
         return present
 
@@ -110,7 +110,13 @@ class Watch:
         self.good: set[str] = set()
         """Containers that stayed well for their bake, and did not fail since."""
         self.leased: dict[tuple, float] = {}
-        """(key, lease) -> when rorg first saw the request."""
+        """Lease -> when it began at the latest."""
+        self.life = 0
+        """Which rorg decided the pass before."""
+        self.unwanted: dict[str, float] = {}
+        """Service -> since when it is not wanted."""
+        self.quarantined: set[tuple[str, str]] = set()
+        """(service, edition) that failed, and that nobody asked to try again."""
         self.action: tuple[str, Action] | None = None
         """The action that begins just now, with its service."""
         self.call: tuple[str, Container | None, str] | None = None
@@ -120,7 +126,7 @@ class Watch:
         """Return a watch with the same evidence on a copy of the robot."""
         other = Watch.__new__(Watch)
         other.__dict__.update(self.__dict__)
-        for name in ("begun", "good"):
+        for name in ("begun", "good", "quarantined"):
             setattr(other, name, {*getattr(self, name)})
         for name in ("starts", "baked", "ready", "leased"):
             setattr(other, name, {**getattr(self, name)})
@@ -133,6 +139,7 @@ class Watch:
         self._note_repetition()
         self._note_good()
         self._note_leases()
+        self._note_unwanted()
         self.shed_before, self.shed = self.shed, self.robot.memory.pressure.shed
         for name, flight in self.robot.memory.in_flight.items():
             if (name, flight.since) not in self.begun:
@@ -175,9 +182,21 @@ class Watch:
                 self.good.add(container.id)
 
     def _note_leases(self) -> None:
-        read = self.robot.read
-        seen = {lease_of(r, read.renewals): read.now for r in read.requests if r.ttl is not None}
-        self.leased = {lease: self.leased.get(lease, at) for lease, at in seen.items()}
+        """A lease begins when this rorg sees it first, and again while its requester sleeps or the engine is silent."""
+        read, life = self.robot.read, self.robot.life
+        asleep = {c.service for c in read.observed.containers if c.asleep}
+        found = {}
+        for request in (r for r in read.requests if r.ttl is not None):
+            lease, begins = lease_of(request, read.renewals), request.requester in asleep or life != self.life
+            found[lease] = read.now if begins or not read.observed.complete else self.leased.get(lease, read.now)
+        self.leased, self.life = found, life
+
+    def _note_unwanted(self) -> None:
+        wanted = self.robot.decision.situation.wanted
+        self.unwanted = {n: self.unwanted.get(n, self.robot.now) for n in self.services if n not in wanted}
+        for name, step in self.robot.memory.progress.items():
+            self.quarantined |= {(name, edition) for edition in step.update.quarantined}
+        self.quarantined -= {q for q in self.quarantined if q[0] in self.robot.decision.retried}
 
     # -- shorthands for invariants ---------------------------------------------------------------------------------
 

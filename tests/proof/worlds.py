@@ -113,8 +113,8 @@ def begin(world: World) -> WorldRobot:
 
 
 def worlds(services: int, features: int) -> Iterator[World]:
-    """All worlds of so many services: every acyclic graph of needs, with at most so many other features, each world once
-    up to renaming of its services. Worlds that rorg refuses are left out."""
+    """All worlds of so many services: every acyclic graph of needs, with at most so many other features. Each world
+    comes once, up to renaming of its services. Worlds that rorg refuses are left out."""
     seen = set[tuple[Feature, ...]]()
     for needs in graphs(services):
         free = [f for f in slots(services, needs) if f[0] != "needs"]
