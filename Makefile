@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: site demo test engines pythons properties fuzz soak ros2 lint types bench corpus schemas docs evaluation constraints deb packages arm vm machines clean
+.PHONY: site demo test engines pythons properties worlds defects fuzz soak ros2 lint types bench corpus schemas docs evaluation constraints deb packages arm vm machines clean
 
 # Debian keeps the venv of its Python in a package of its own; .ci/venv sees to that.
 $(BIN)/rorg: pyproject.toml
@@ -41,6 +41,14 @@ fuzz: $(VENV)/test-installed
 # minutes for each. A failure names its seed, and RORG_TEST_SEED=N draws the same examples again.
 properties: $(VENV)/test-installed
 	RORG_TEST_EXAMPLES=$(or $(EXAMPLES),1000) $(BIN)/pytest tests/test_properties.py $(ARGS)
+
+# All worlds within the bound of tests/proof/bounds.py, of which `make test` tries a slice: half an hour.
+worlds: $(VENV)/test-installed
+	RORG_TEST_WORLDS=all $(BIN)/pytest -s tests/proof/test_bounded_worlds.py $(ARGS)
+
+# All defects of tests/proof/defects.py, planted one by one in a copy of rorg; `make test` tries four: some minutes.
+defects: $(VENV)/test-installed
+	RORG_TEST_DEFECTS=all $(BIN)/pytest tests/proof/test_planted_defects.py $(ARGS)
 
 # ROS 2: all its tests, a thousand requests and releases through its node, five minutes of kills, and what pausing does to
 # peers (docs/how-to/ros2.md).

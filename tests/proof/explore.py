@@ -116,6 +116,8 @@ class Explorer:
     seed: int = 0
     expanded: dict[bytes, int] = field(default_factory=dict)
     """States from which all steps are taken, with the pauses that were left."""
+    first: bool = False
+    """Whether to stop at the first violation."""
     followed: set[bytes] = field(default_factory=set)
     """States from which a robot was followed to its rest, and kept all promises."""
 
@@ -133,6 +135,8 @@ class Explorer:
                 some = first if self.sample is None else chance.sample(first, min(self.sample, len(first)))
                 for step in some:
                     following += self._branch(node, step, last)
+                    if self.first and self.tally.found:
+                        return
             frontier = following
 
     def _branch(self, node: Node, step: Step, last: bool) -> list[Node]:

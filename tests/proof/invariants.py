@@ -19,7 +19,7 @@ from rorg.core.decide import Decision, decide
 from rorg.core.inputs import Inputs
 from rorg.core.pressure import excess, helps
 from rorg.daemon.snapshot import snapshot
-from rorg.model.graph import closure
+from rorg.model.graph import closure, conflicting, overbooked
 from rorg.model.units import parse_time
 from rorg.tools.sim.engine import EPOCH
 
@@ -126,6 +126,8 @@ def no_request_is_lost_or_doubled(watch: Watch) -> None:
     read, settled = watch.robot.read, watch.robot.decision.settled
     keys, before = [r.key for r in settled.requests], [r.key for r in read.requests]
     dropped = {r.key: r for r, _ in settled.dropped}
+    acked = watch.robot.acknowledged
+    assert acked is None or {*before} == acked, f"lost or kept: {acked ^ {*before}}"
     assert len(keys) == len({*keys}), "a request is doubled"
     assert {*keys} | {*dropped} == {*before}, f"lost: {({*before} - {*keys}) - {*dropped}}"
     assert [k for k in before if k not in dropped] == keys, "requests change their order"
@@ -154,6 +156,21 @@ def the_wanted_follow_the_rule(watch: Watch) -> None:
     found = situation.wanted.keys() - situation.prewarmed
     if not watch.robot.memory.pressure.shed and not situation.withheld:
         assert found == rule, f"wanted: {sorted(found)}, by the rule: {sorted(rule)}"
+
+
+@at("pass")
+def only_rivals_that_fit_are_wanted(watch: Watch) -> None:
+    """No two services that conflict are wanted, nor more of an exclusive resource than there is."""
+    wanted, catalog = watch.robot.decision.situation.wanted, watch.robot.desired.catalog
+    assert not conflicting(catalog.services, wanted), "rivals are wanted"
+    assert not overbooked(catalog, wanted), "more is wanted than there is"
+
+
+@at("pass")
+def a_stop_is_no_crash(watch: Watch) -> None:
+    """Rorg counts no run that it stopped itself as one that failed."""
+    for name, step in watch.robot.memory.progress.items():
+        assert step.exited not in watch.stopped, f"{name} was stopped, and counts as ended by itself"
 
 
 @at("pass")

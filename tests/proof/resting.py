@@ -11,6 +11,7 @@ from rorg.core.admission import over_budget
 from rorg.core.decide import decide
 from rorg.core.joining import joined_of
 from rorg.core.observed import Container
+from rorg.core.rollout import fits
 from rorg.model.graph import closure, conflicting, overbooked
 
 QUIET = 100.0
@@ -165,6 +166,15 @@ def runs_follow_those_that_they_count_on(watch: Watch) -> None:
             other = next((c for c in all_of(watch, need) if c.active), None)
             if other and watch.robot.memory.of(name).counted_on.needs.get(need) != other.incarnation:
                 assert other.started_at <= run.started_at, f"{name} runs on though {need} was restarted"
+
+
+@at("rest")
+def what_runs_is_what_is_declared(watch: Watch) -> None:
+    """What runs was made from the present manifest, or the plan says why not."""
+    desired = watch.robot.desired
+    for name in (watch.robot.active() & watch.services.keys()) - loops(watch) - waiting(watch):
+        run = next(c for c in all_of(watch, name) if c.active)
+        assert fits(run, name, desired) or watch.robot.memory.of(name).update.failed, f"{name} runs as it was before"
 
 
 @at("rest")

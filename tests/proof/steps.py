@@ -16,6 +16,7 @@ from robots import handed_on
 
 from rorg.core.requests import problems
 from rorg.model.catalog import Request
+from rorg.tools.sim.engine import iso
 
 MOST_REQUESTS = 3
 LEASE = 2.0
@@ -32,7 +33,7 @@ Robot = tuple[WorldRobot, State]
 def alphabet(world: World) -> list[Step]:
     """All steps in a world."""
     count = len(world.names)
-    single = ("request", "lease", "release", "change", "spoil", "always", "crash", "freeze", "skip", *CALLS)
+    single = ("request", "lease", "release", "change", "spoil", "always", "crash", "bounce", "freeze", "skip", *CALLS)
     found: list[Step] = [(verb, n) for n in range(count) for verb in single]
     found += [("ask", a, b) for a in range(count) for b in range(count) if a != b]
     return [*found, ("stale",), ("twice",), ("reborn",), ("outage",)]
@@ -67,6 +68,7 @@ def put(robot: WorldRobot, request: Request) -> bool:
     if full or request in known or problems(robot.desired.catalog, known, request):
         return False
     robot.document = robot.document.put(request)
+    robot.acknowledged.add(request.key)
     return True
 
 
@@ -87,8 +89,10 @@ def ask(robot: WorldRobot, by: str, name: str) -> bool:
 
 def release(robot: WorldRobot, name: str) -> bool:
     before = robot.document
-    robot.document = before.without({(r.requester, r.id) for r in before.requests if name in r.services})
-    return robot.document != before
+    keys = {r.key for r in before.requests if name in r.services}
+    robot.document = before.without(keys)
+    robot.acknowledged -= keys
+    return bool(keys)
 
 
 def crash(robot: WorldRobot, name: str) -> bool:
@@ -96,6 +100,16 @@ def crash(robot: WorldRobot, name: str) -> bool:
     for container in alive:
         robot.engine.kill(container.id)
     return bool(alive)
+
+
+def bounce(robot: WorldRobot, name: str) -> bool:
+    """Somebody restarts its container behind rorg's back."""
+    engine = robot.engine
+    active = [c for c in engine.containers.values() if c.service == name and c.state == "running"]
+    for container in active:
+        engine.containers[container.id] = replace(container, started_at=iso(engine.clock()))
+        engine.calls.append((engine.clock(), "start", name))
+    return any(c.digest not in robot.faults.bad for c in active)
 
 
 def freeze(robot: WorldRobot, name: str) -> bool:
@@ -160,6 +174,7 @@ DO: dict[str, Callable[..., bool]] = {
     "ask": ask,
     "release": release,
     "crash": crash,
+    "bounce": bounce,
     "freeze": freeze,
     "skip": skip,
     "stale": stale,

@@ -46,7 +46,7 @@ class WorldRobot(Reader):
     def __init__(self, catalog: Catalog) -> None:
         super().__init__(catalog)
         self.engine._ids = Ids()
-        self.number = 0
+        self.number, self.acknowledged = 0, set()
         self.spoilt: dict[str, str] = {}
         self.modes: dict[tuple[int, str], str] = {}
         """(life, service) -> what becomes of the call under way."""
@@ -65,7 +65,7 @@ class WorldRobot(Reader):
         """Return a copy that goes its own way."""
         other = WorldRobot.__new__(WorldRobot)
         other.__dict__.update(self.__dict__)
-        for name in ("hung", "locked", "spoilt", "modes", "unseen", "view", "ready_after"):
+        for name in ("hung", "locked", "spoilt", "modes", "unseen", "view", "ready_after", "acknowledged"):
             setattr(other, name, getattr(self, name).copy())
         faults = {k: v.copy() if isinstance(v, (dict, set)) else v for k, v in vars(self.faults).items()}
         other.faults = replace(self.faults, **faults)

@@ -52,6 +52,8 @@ class Reader(SimRobot):
     """Keeps what the last pass has read. Looks at a container only when it is new, or when a verdict asks for it."""
 
     looked: Mapping[str, float] = MappingProxyType({})
+    acknowledged: set[tuple[str, str]] | None = None
+    """Keys of the requests that were acknowledged and neither released nor dropped, if somebody keeps a list."""
     patience = 0.0
     """Seconds between passes at least, while all probes say what they said before."""
 
@@ -117,6 +119,8 @@ class Watch:
         """Service -> since when it is not wanted."""
         self.quarantined: set[tuple[str, str]] = set()
         """(service, edition) that failed, and that nobody asked to try again."""
+        self.stopped: set[str] = set()
+        """Runs that rorg stopped."""
         self.action: tuple[str, Action] | None = None
         """The action that begins just now, with its service."""
         self.call: tuple[str, Container | None, str] | None = None
@@ -126,7 +130,7 @@ class Watch:
         """Return a watch with the same evidence on a copy of the robot."""
         other = Watch.__new__(Watch)
         other.__dict__.update(self.__dict__)
-        for name in ("begun", "good", "quarantined"):
+        for name in ("begun", "good", "quarantined", "stopped"):
             setattr(other, name, {*getattr(self, name)})
         for name in ("starts", "baked", "ready", "leased"):
             setattr(other, name, {**getattr(self, name)})
@@ -150,6 +154,8 @@ class Watch:
                     self.starts[name] = flight.since
         self.passes += 1
         self.check("pass", self)
+        if self.robot.acknowledged is not None:
+            self.robot.acknowledged -= {request.key for request, _ in self.robot.decision.settled.dropped}
         progress = self.robot.memory.progress
         self.baked = {name: step.update.baked for name, step in progress.items()}
         self.ready = {name: step.incarnation for name, step in progress.items() if step.ready}
@@ -157,6 +163,8 @@ class Watch:
 
     def _called(self, verb: str, container: Container | None, service: str) -> None:
         self.call = verb, container, service
+        if verb == "stop" and container:
+            self.stopped.add(container.incarnation)
         self.check("call", self)
 
     def _note_repetition(self) -> None:
