@@ -124,6 +124,7 @@ class Explorer:
     def run(self) -> None:
         chance = random.Random(f"{self.seed} {self.world.label}")
         root = start(self.world, self.bound.quick)
+        root.watch.sparing = not self.first
         self.tally.worlds += 1
         if not self._rest(root):
             return

@@ -10,6 +10,7 @@ from types import MappingProxyType
 from rorg.core.inputs import Inputs
 from rorg.core.joining import joined_of
 from rorg.core.observed import Container
+from rorg.core.operations import Stop
 from rorg.core.plan import Action
 from rorg.core.situation import Situation
 from rorg.daemon.snapshot import Snapshots
@@ -120,7 +121,8 @@ class Watch:
         self.quarantined: set[tuple[str, str]] = set()
         """(service, edition) that failed, and that nobody asked to try again."""
         self.stopped: set[str] = set()
-        """Runs that rorg stopped."""
+        self.to_stop: set[str] = set()
+        """Runs that rorg stopped, and those that it began to stop."""
         self.action: tuple[str, Action] | None = None
         """The action that begins just now, with its service."""
         self.call: tuple[str, Container | None, str] | None = None
@@ -130,7 +132,7 @@ class Watch:
         """Return a watch with the same evidence on a copy of the robot."""
         other = Watch.__new__(Watch)
         other.__dict__.update(self.__dict__)
-        for name in ("begun", "good", "quarantined", "stopped"):
+        for name in ("begun", "good", "quarantined", "stopped", "to_stop"):
             setattr(other, name, {*getattr(self, name)})
         for name in ("starts", "baked", "ready", "leased"):
             setattr(other, name, {**getattr(self, name)})
@@ -150,6 +152,8 @@ class Watch:
                 self.begun.add((name, flight.since))
                 self.action = name, flight.action
                 self.check("begin", self)
+                if isinstance(flight.action.operation, Stop):
+                    self.to_stop.add(flight.action.operation.incarnation)
                 if flight.action.verb == "start":
                     self.starts[name] = flight.since
         self.passes += 1
@@ -163,7 +167,7 @@ class Watch:
 
     def _called(self, verb: str, container: Container | None, service: str) -> None:
         self.call = verb, container, service
-        if verb == "stop" and container:
+        if verb == "stop" and container and container.incarnation in self.to_stop:
             self.stopped.add(container.incarnation)
         self.check("call", self)
 
