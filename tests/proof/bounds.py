@@ -13,14 +13,13 @@ from proof.explore import Bound, Explorer, Tally
 from proof.worlds import worlds
 
 BOUNDS = (
-    Bound(services=1, features=0, steps=6, asked=True, pauses=(0.05,)),
-    Bound(services=1, features=1, steps=4, asked=True, pauses=(0.05,)),
-    Bound(services=2, features=0, steps=3, asked=True, pauses=(0.05,)),
     Bound(services=2, features=1, steps=2, asked=True, pauses=(0.05,)),
     Bound(services=3, features=0, steps=2, asked=True, pauses=(0.05,)),
+    Bound(services=1, features=1, steps=3, asked=True, pauses=(0.05,)),
+    Bound(services=1, features=0, steps=6, asked=True, pauses=(0.05,)),
     Bound(services=4, features=0, steps=2, asked=True, pauses=(0.05,)),
 )
-SLICE = (1, 2, 1, 4, 2, 2)
+SLICE = (4, 2, 2, 1, 2)
 """Worlds of each bound that a slice takes, and"""
 SAMPLE = 7
 """steps that it takes of each of their states."""

@@ -299,15 +299,6 @@ DEFECTS = (
         (BAKE,),
     ),
     Defect(
-        "a bake ends without an answer",
-        "core/rollout.py",
-        "    return results if len(results) == len(asked) else None\n",
-        "    return results\n",
-        (BAKE,),
-        1,
-        PROBE,
-    ),
-    Defect(
         "what failed is not quarantined",
         "core/rollout.py",
         'error="", update=progress.update.quarantine(error))',
@@ -357,9 +348,10 @@ DEFECTS = (
         "core/incremental.py",
         "changed | depending | locks",
         "changed | locks",
-        (FRESH, SERVED, PLAN, EMPTY, TOLD, NEEDS),
+        (RUN, IDLE, FRESH, SERVED, PLAN, EMPTY, TOLD, NEEDS),
         2,
         NEED,
+        path=((("request", 1), 0.45), (("release", 1), 150.0)),
     ),
     Defect(
         "what changes with time is not looked at again",
@@ -391,7 +383,8 @@ DEFECTS = (
         "    return _overbooked(catalog, active, priority)\n",
         (SERVED, RIVALS, TOGETHER, "only rivals that fit are wanted"),
         2,
-        (*CONFLICT, ("always", "0")),
+        CONFLICT,
+        path=(THEN, (("always", 0), 150.0)),
     ),
     Defect(
         "exclusive resources are not settled",
@@ -401,5 +394,6 @@ DEFECTS = (
         (SERVED, RIVALS, TOGETHER, "only rivals that fit are wanted"),
         2,
         GPU,
+        path=(REQUEST, THEN),
     ),
 )
