@@ -1,47 +1,41 @@
-"""Small defects to plant in a copy of rorg, each of which an invariant must catch.
+"""Small defects to plant in a copy of rorg, each of which an invariant must catch: of requests, order and idling.
 
-`old` occurs once in the file. The features (worlds.py) describe the world in which the defect shows, and `steps` how
-long a sequence it needs.
+Those of starts, ends and changes are in defects_of_runs.py.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-
-@dataclass(frozen=True)
-class Defect:
-    """One change of one file of rorg, and the invariants of which one must catch it."""
-
-    name: str
-    file: str
-    old: str
-    new: str
-    caught_by: tuple[str, ...]
-    services: int = 1
-    features: tuple[tuple[str, ...], ...] = ()
-    steps: int = 2
-    path: tuple[tuple[tuple, float], ...] = ()
-    """Steps that show it, if a search for them takes long."""
-
-
-PLAN, FRESH = "the plan keeps its rules", "a kept pass decides as a fresh one"
-READY, SERVED = "ready means ready", "all that is asked for and possible is ready"
-REST, EMPTY, BOUNDED = "it comes to rest", "the plan is empty twice", "it converges in bounded passes"
-RIVALS, TOGETHER = "nothing begins against rivals", "rivals never run together"
-RULE, LEASES, KEPT = "the wanted follow the rule", "leases run out", "no request is lost or doubled"
-GOOD, SAME, BAKE = (
-    "the good stay until the next is proven",
-    "the same is not created again",
-    "a bake ends with evidence",
+from proof.defect import (
+    ALWAYS,
+    BOUNDED,
+    CHANGEOVER,
+    CONFLICT,
+    EMPTY,
+    FRESH,
+    GOOD,
+    GPU,
+    IDLE,
+    KEPT,
+    LEASES,
+    NEED,
+    NEEDS,
+    ONE,
+    PLAN,
+    REQUEST,
+    REST,
+    RIVALS,
+    RULE,
+    RUN,
+    SAME,
+    SERVED,
+    THEN,
+    TOGETHER,
+    TOLD,
+    Defect,
 )
-IDLE, RUN, TOLD = "the idle are as declared", "only the wanted run", "the wanted run or are explained"
-NEEDS, ONE = "needs are ready first", "one container of a service"
-REQUEST, THEN = (("request", 0), 150.0), (("request", 1), 150.0)
-CHANGEOVER = (REQUEST, (("release", 0), 0.0), THEN)
-NEED, RESTART = (("needs", "1", "0"),), (("needs", "1", "0"), ("restart", "1", "0"))
-GPU, CONFLICT = (("gpu", "0", "1"),), (("conflict", "0", "1"),)
-PROBE, ALWAYS = (("probe", "0"),), (("always", "0"),)
+from proof.defects_of_runs import DEFECTS_OF_RUNS
+
+__all__ = ["DEFECTS", "Defect"]
 
 DEFECTS = (
     Defect(
@@ -219,181 +213,5 @@ DEFECTS = (
         "    return 0.0 if failures <= 1000 else",
         (BOUNDED,),
     ),
-    Defect(
-        "a delay is over immediately",
-        "core/transitions.py",
-        "now >= progress.running_since + service.ready.delay\n",
-        "now >= progress.running_since\n",
-        (READY,),
-    ),
-    Defect(
-        "what ended stays ready",
-        "core/transitions.py",
-        "        return replace(progress, running_since=None, **UNANSWERED)\n",
-        "        return replace(progress, running_since=None)\n",
-        (READY,),
-    ),
-    Defect(
-        "a new run is as ready as the last one",
-        "core/transitions.py",
-        "incarnation=current.incarnation, running_since=now, **UNANSWERED)",
-        "incarnation=current.incarnation, running_since=now)",
-        (READY,),
-        path=(REQUEST, (("bounce", 0), 150.0)),
-    ),
-    Defect(
-        "a failed probe counts",
-        "core/transitions.py",
-        '    if result.ok:\n        return replace(progress, ready=True, was_ready=True, probe="")\n',
-        '    if True:\n        return replace(progress, ready=True, was_ready=True, probe="")\n',
-        (READY,),
-        1,
-        PROBE,
-    ),
-    Defect(
-        "a hung run goes on",
-        "core/steps.py",
-        "    if memory.hung == container.incarnation:\n",
-        "    if not memory:\n",
-        ("the hung are restarted",),
-        1,
-        PROBE,
-    ),
-    Defect(
-        "a need that was restarted restarts nothing",
-        "core/steps.py",
-        "            and memory.counted_on.lost(need, container, current)\n",
-        "            and False\n",
-        ("runs follow those that they count on",),
-        2,
-        RESTART,
-    ),
-    Defect(
-        "a need restarts what needs it for no reason",
-        "core/steps.py",
-        "            and memory.counted_on.lost(need, container, current)\n",
-        "            and not memory.counted_on.lost(need, container, current)\n",
-        ("a restart has its cause",),
-        2,
-        RESTART,
-    ),
-    Defect(
-        "the previous container is not kept",
-        "core/swap.py",
-        "        if not container.started_at or container.state in",
-        "        if container.started_at or container.state in",
-        (GOOD, "a bad change leaves what ran", SERVED),
-    ),
-    Defect(
-        "a bake ends at once",
-        "core/rollout.py",
-        "max(progress.well_since + service.update.bake, progress.update.since)",
-        "max(progress.well_since, progress.update.since)",
-        (BAKE,),
-    ),
-    Defect(
-        "a bake ends without a look",
-        "core/rollout.py",
-        "    if answers is None or not evidence.looked_since(current, bake_end):\n",
-        "    if answers is None:\n",
-        (BAKE,),
-    ),
-    Defect(
-        "what failed is not quarantined",
-        "core/rollout.py",
-        'error="", update=progress.update.quarantine(error))',
-        'error="")',
-        (REST, EMPTY, BOUNDED, "a bad change leaves what ran", SERVED),
-    ),
-    Defect(
-        "a restart of rorg forgets what failed",
-        "daemon/saved_memory.py",
-        '        quarantined=_texts(known.get("quarantined")),\n',
-        "",
-        ("what failed is not tried again",),
-        1,
-        (),
-        3,
-    ),
-    Defect(
-        "the failed one stays in place",
-        "core/swap.py",
-        "        return self.denied or bool(self.failed)\n",
-        "        return self.denied\n",
-        (SERVED, "a bad change leaves what ran", REST, ONE),
-    ),
-    Defect(
-        "every look finds a difference",
-        "core/reconcile.py",
-        "        more = (*nodes, *networks, *self.not_in_place(container, declared))\n",
-        '        more = (*nodes, *networks, "image")\n',
-        (SAME,),
-    ),
-    Defect(
-        "a change is not seen",
-        "core/reconcile.py",
-        "for c, d in pairs if not d.recreate and c.id not in self.moved), None)",
-        "for c, d in pairs), None)",
-        ("what runs is what is declared",),
-    ),
-    Defect(
-        "a container without a service's name is taken for one",
-        "core/observed.py",
-        "        if container.service:\n            by_service",
-        "        if True:\n            by_service",
-        ("only what is ours is touched", PLAN),
-    ),
-    Defect(
-        "what depends is not planned again",
-        "core/incremental.py",
-        "changed | depending | locks",
-        "changed | locks",
-        (RUN, IDLE, FRESH, SERVED, PLAN, EMPTY, TOLD, NEEDS),
-        2,
-        NEED,
-        path=((("request", 1), 0.45), (("release", 1), 150.0)),
-    ),
-    Defect(
-        "what changes with time is not looked at again",
-        "core/tracking.py",
-        "    names.update(touched, kept.volatile)\n",
-        "    names.update(touched)\n",
-        (FRESH, SERVED, BAKE),
-    ),
-    Defect(
-        "nobody wakes the loop",
-        "core/decide.py",
-        "(freed_at(memory.in_flight, now), due.next(now))",
-        "(freed_at(memory.in_flight, now),)",
-        (EMPTY, REST, SERVED, IDLE),
-        2,
-        NEED,
-    ),
-    Defect(
-        "a call that never ends is forgotten",
-        "core/planner.py",
-        "        if flight:\n",
-        "        if flight and self.s.now < flight.since + 1.0:\n",
-        (PLAN, FRESH),
-    ),
-    Defect(
-        "conflicts are not settled",
-        "core/admission.py",
-        "    return _conflict(catalog, active, priority) or _overbooked(catalog, active, priority)\n",
-        "    return _overbooked(catalog, active, priority)\n",
-        (SERVED, RIVALS, TOGETHER, "only rivals that fit are wanted"),
-        2,
-        CONFLICT,
-        path=(THEN, (("always", 0), 150.0)),
-    ),
-    Defect(
-        "exclusive resources are not settled",
-        "core/admission.py",
-        "    return _conflict(catalog, active, priority) or _overbooked(catalog, active, priority)\n",
-        "    return _conflict(catalog, active, priority)\n",
-        (SERVED, RIVALS, TOGETHER, "only rivals that fit are wanted"),
-        2,
-        GPU,
-        path=(REQUEST, THEN),
-    ),
+    *DEFECTS_OF_RUNS,
 )
