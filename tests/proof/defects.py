@@ -11,7 +11,6 @@ from proof.defect import (
     CHANGEOVER,
     CONFLICT,
     EMPTY,
-    FRESH,
     GOOD,
     GPU,
     IDLE,
@@ -30,7 +29,6 @@ from proof.defect import (
     SERVED,
     THEN,
     TOGETHER,
-    TOLD,
     Defect,
 )
 from proof.defects_of_runs import DEFECTS_OF_RUNS
@@ -180,7 +178,7 @@ DEFECTS = (
         "core/dispatch.py",
         "in_flight={**memory.in_flight, **flights})",
         "in_flight=memory.in_flight)",
-        ("one run of a service", FRESH, TOLD, PLAN, ONE, SAME, BOUNDED, REST),
+        ("one run of a service", TOGETHER, RIVALS, PLAN, ONE, SAME, BOUNDED),
     ),
     Defect(
         "an outcome is not noted",

@@ -12,7 +12,7 @@ import pytest
 from proof.bounds import slice_of, whole
 from proof.cases import CASES, load, save, shrink
 from proof.explore import REST, Bound, Explorer, Tally, replay
-from proof.invariants import INVARIANTS
+from proof.invariants import INVARIANTS, Invariant
 from proof.worlds import World, specs_of, worlds
 
 ROOT = Path(__file__).parents[2]
@@ -81,3 +81,16 @@ def test_a_seeded_run_repeats_bit_for_bit():
     }
     assert len(said) == 1
     assert int(said.pop().split()[0]) > 100
+
+
+def test_a_failing_case_shrinks_to_a_file_that_fails_alike(monkeypatch, tmp_path):
+    def holds(watch):
+        assert "s0" not in watch.robot.active(), "s0 runs"
+
+    monkeypatch.setitem(INVARIANTS, "nothing ever runs", Invariant("rest", holds))
+    path = ((("request", 1), REST), (("reborn",), 0.05), (("change", 0), REST))
+    found = shrink(replay(NEED, path))
+    assert found.path == ((("request", 1), REST),)
+    assert found.world.specs["s1"] == {"needs": ["s0"]}
+    again = replay(*load(save(found, tmp_path)))
+    assert again.violation.name == "nothing ever runs"
