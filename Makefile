@@ -42,7 +42,7 @@ fuzz: $(VENV)/test-installed
 properties: $(VENV)/test-installed
 	RORG_TEST_EXAMPLES=$(or $(EXAMPLES),1000) $(BIN)/pytest tests/test_properties.py $(ARGS)
 
-# All worlds within the bound of tests/proof/bounds.py, of which `make test` tries a slice: half an hour.
+# All worlds within the bound of tests/proof/bounds.py, of which `make test` tries a slice: ten minutes or more.
 worlds: $(VENV)/test-installed
 	RORG_TEST_WORLDS=all $(BIN)/pytest -s tests/proof/test_bounded_worlds.py $(ARGS)
 
