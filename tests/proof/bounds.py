@@ -19,7 +19,7 @@ BOUNDS = (
     Bound(services=1, features=0, steps=6, asked=True, pauses=(0.05,)),
     Bound(services=4, features=0, steps=2, asked=True, pauses=(0.05,)),
 )
-SLICE = (4, 2, 2, 1, 2)
+SLICE = (9, 4, 4, 1, 4)
 """Worlds of each bound that a slice takes, and"""
 SAMPLE = 7
 """steps that it takes of each of their states."""
