@@ -42,13 +42,13 @@ fuzz: $(VENV)/test-installed
 properties: $(VENV)/test-installed
 	RORG_TEST_EXAMPLES=$(or $(EXAMPLES),1000) $(BIN)/pytest tests/test_properties.py $(ARGS)
 
-# All worlds within the bound of tests/proof/bounds.py, of which `make test` tries a slice: ten minutes or more.
+# All worlds within the bound of tests/bounded/bounds.py, of which `make test` tries a slice: ten minutes or more.
 worlds: $(VENV)/test-installed
-	RORG_TEST_WORLDS=all $(BIN)/pytest -s tests/proof/test_bounded_worlds.py $(ARGS)
+	RORG_TEST_WORLDS=all $(BIN)/pytest -s tests/bounded/test_bounded_worlds.py $(ARGS)
 
-# All defects of tests/proof/defects.py, planted one by one in a copy of rorg; `make test` tries four: some minutes.
+# All defects of tests/bounded/defects.py, planted one by one in a copy of rorg; `make test` tries four: some minutes.
 defects: $(VENV)/test-installed
-	RORG_TEST_DEFECTS=all $(BIN)/pytest tests/proof/test_planted_defects.py $(ARGS)
+	RORG_TEST_DEFECTS=all $(BIN)/pytest tests/bounded/test_planted_defects.py $(ARGS)
 
 # ROS 2: all its tests, a thousand requests and releases through its node, five minutes of kills, and what pausing does to
 # peers (docs/how-to/ros2.md).

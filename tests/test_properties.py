@@ -1,6 +1,6 @@
 """Invariants over random robots, requests, crashes, drift, people and load, in virtual time.
 
-Every pass, action and call is checked by the invariants of proof/invariants.py, and so is the state in which the robot
+Every pass, action and call is checked by the invariants of bounded/invariants.py, and so is the state in which the robot
 comes to rest.
 """
 
@@ -15,10 +15,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from bounded.invariants import check, same_as_anew
+from bounded.watch import Reader, Watch
 from hypothesis import HealthCheck, Phase, given, reject, settings
 from hypothesis import strategies as st
-from proof.invariants import check, same_as_anew
-from proof.watch import Reader, Watch
 from robots import VirtualRobot, handed_on, write_tree
 
 from rorg.core.objects import found_object

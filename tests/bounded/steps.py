@@ -10,8 +10,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
-from proof.virtual import CALLS, WorldRobot
-from proof.worlds import State, World
+from bounded.virtual import CALLS, WorldRobot
+from bounded.worlds import State, World
 from robots import handed_on
 
 from rorg.core.requests import problems

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from proof.registry import at
-from proof.watch import Watch, closure_of, namespaces
+from bounded.registry import at
+from bounded.watch import Watch, closure_of, namespaces
 
 from rorg.core.admission import over_budget
 from rorg.core.decide import decide

@@ -9,11 +9,11 @@ import sys
 from pathlib import Path
 
 import pytest
-from proof.bounds import slice_of, whole
-from proof.cases import CASES, load, save, shrink
-from proof.explore import REST, Bound, Explorer, Tally, replay
-from proof.invariants import INVARIANTS, Invariant
-from proof.worlds import World, specs_of, worlds
+from bounded.bounds import slice_of, whole
+from bounded.cases import CASES, load, save, shrink
+from bounded.explore import REST, Bound, Explorer, Tally, replay
+from bounded.invariants import INVARIANTS, Invariant
+from bounded.worlds import World, specs_of, worlds
 
 ROOT = Path(__file__).parents[2]
 WHOLE = os.environ.get("RORG_TEST_WORLDS") == "all"
@@ -67,7 +67,7 @@ def decisions() -> str:
 
 
 def test_a_seeded_run_repeats_bit_for_bit():
-    program = "from proof.test_bounded_worlds import decisions; print(decisions())"
+    program = "from bounded.test_bounded_worlds import decisions; print(decisions())"
     paths = os.pathsep.join([str(ROOT / "tests"), str(ROOT), str(ROOT / "clients/python")])
     said = {
         subprocess.run(

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from functools import cache
 
-from proof.virtual import WorldRobot
+from bounded.virtual import WorldRobot
 
 from rorg.model.units import parse_time
 

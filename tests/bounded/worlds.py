@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
-from proof.virtual import WorldRobot
+from bounded.virtual import WorldRobot
 from robots import write_tree
 
 from rorg.core.desired import Desired, desire

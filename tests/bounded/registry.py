@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from proof.watch import Watch
+from bounded.watch import Watch
 
 
 class Violation(AssertionError):

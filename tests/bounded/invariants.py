@@ -10,9 +10,9 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 
-from proof import actions, resting
-from proof.registry import INVARIANTS, Invariant, Violation, at, check
-from proof.watch import EXACT, Watch, lease_of
+from bounded import actions, resting
+from bounded.registry import INVARIANTS, Invariant, Violation, at, check
+from bounded.watch import EXACT, Watch, lease_of
 
 from rorg.core.admission import PROTECTED
 from rorg.core.decide import Decision, decide

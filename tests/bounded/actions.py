@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from proof.registry import at
-from proof.watch import EXACT, Watch, known, namespaces
+from bounded.registry import at
+from bounded.watch import EXACT, Watch, known, namespaces
 
 from rorg.core.joining import joined_of
 from rorg.core.observed import LABEL_SPEC

@@ -6,8 +6,8 @@ import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path as File
 
-from proof.explore import Found, Path, replay
-from proof.worlds import World
+from bounded.explore import Found, Path, replay
+from bounded.worlds import World
 
 CASES = File(__file__).parents[1] / "cases/worlds"
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from proof.defect import (
+from bounded.defect import (
     BAKE,
     BOUNDED,
     CONFLICT,

@@ -6,9 +6,9 @@ import os
 import random
 
 import pytest
-from proof.defects import DEFECTS
-from proof.invariants import INVARIANTS
-from proof.planted import caught
+from bounded.defects import DEFECTS
+from bounded.invariants import INVARIANTS
+from bounded.planted import caught
 
 WHOLE = os.environ.get("RORG_TEST_DEFECTS") == "all"
 SEED = 1

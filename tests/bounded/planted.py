@@ -12,10 +12,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-from proof.bounds import slice_of
-from proof.defects import DEFECTS, Defect
-from proof.explore import Bound, Explorer, Tally, replay
-from proof.worlds import World, specs_of
+from bounded.bounds import slice_of
+from bounded.defects import DEFECTS, Defect
+from bounded.explore import Bound, Explorer, Tally, replay
+from bounded.worlds import World, specs_of
 
 import rorg
 
@@ -37,7 +37,7 @@ def caught(defect: Defect, folder: Path, seconds: float = 240.0) -> str:
     """Return the invariant that catches a defect; empty if none does."""
     paths = [str(plant(defect, folder)), str(ROOT / "clients/python"), str(ROOT / "tests")]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
-    command = [sys.executable, "-m", "proof.planted", defect.name]
+    command = [sys.executable, "-m", "bounded.planted", defect.name]
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=seconds)
     assert done.returncode == 0, done.stderr
     said = json.loads(done.stdout.splitlines()[-1])

@@ -9,11 +9,11 @@ import time
 from dataclasses import dataclass, field
 from functools import partial
 
-from proof.invariants import Violation, Watch, check
-from proof.state import digest_of
-from proof.steps import Step, alphabet, take
-from proof.virtual import WorldRobot
-from proof.worlds import State, World, begin
+from bounded.invariants import Violation, Watch, check
+from bounded.state import digest_of
+from bounded.steps import Step, alphabet, take
+from bounded.virtual import WorldRobot
+from bounded.worlds import State, World, begin
 
 REST = 150.0
 """Seconds after the last step. No fault of the alphabet lasts longer, and the last 100 of them must be quiet."""

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 
-from proof.watch import Reader, WatchedEngine
+from bounded.watch import Reader, WatchedEngine
 
 from rorg.core.dispatch import Outcome, finish
 from rorg.core.memory import ProbeResult

@@ -9,8 +9,8 @@ from __future__ import annotations
 import random
 from collections.abc import Callable
 
-from proof.explore import Bound, Explorer, Tally
-from proof.worlds import worlds
+from bounded.explore import Bound, Explorer, Tally
+from bounded.worlds import worlds
 
 BOUNDS = (
     Bound(services=2, features=1, steps=2, asked=True, pauses=(0.05,)),

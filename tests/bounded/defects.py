@@ -5,7 +5,7 @@ Those of starts, ends and changes are in defects_of_runs.py.
 
 from __future__ import annotations
 
-from proof.defect import (
+from bounded.defect import (
     ALWAYS,
     BOUNDED,
     CHANGEOVER,
@@ -31,7 +31,7 @@ from proof.defect import (
     TOGETHER,
     Defect,
 )
-from proof.defects_of_runs import DEFECTS_OF_RUNS
+from bounded.defects_of_runs import DEFECTS_OF_RUNS
 
 __all__ = ["DEFECTS", "Defect"]
 
