@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: site demo test engines pythons properties fuzz proof proof-docker soak ros2 lint types bench corpus schemas docs evaluation constraints deb packages arm vm machines clean
+.PHONY: site demo test engines pythons properties fuzz proof proof-docker worlds defects soak ros2 lint types bench corpus schemas docs evaluation constraints deb packages arm vm machines clean
 
 # Debian keeps the venv of its Python in a package of its own; .ci/venv sees to that.
 $(BIN)/rorg: pyproject.toml
@@ -54,6 +54,14 @@ proof: $(VENV)/test-installed
 # The same on a private Docker engine, as root: RORG_PROOF_MOST points of each scenario, by default 45. An hour.
 proof-docker: $(VENV)/test-installed
 	RORG_PROOF_MOST=$(or $(RORG_PROOF_MOST),45) $(BIN)/python tests/proof/docker_world.py $(ARGS)
+
+# All worlds within the bound of tests/bounded/bounds.py, of which `make test` tries a slice: ten minutes or more.
+worlds: $(VENV)/test-installed
+	RORG_TEST_WORLDS=all $(BIN)/pytest -s tests/bounded/test_bounded_worlds.py $(ARGS)
+
+# All defects of tests/bounded/defects.py, planted one by one in a copy of rorg; `make test` tries four: some minutes.
+defects: $(VENV)/test-installed
+	RORG_TEST_DEFECTS=all $(BIN)/pytest tests/bounded/test_planted_defects.py $(ARGS)
 
 # ROS 2: all its tests, a thousand requests and releases through its node, five minutes of kills, and what pausing does to
 # peers (docs/how-to/ros2.md).

@@ -1,6 +1,7 @@
 """Invariants over random robots, requests, crashes, drift, people and load, in virtual time.
 
-Every pass is checked (see `invariants`), and so is the state in which the robot comes to rest.
+Every pass, action and call is checked by the invariants of bounded/invariants.py, and so is the state in which the
+robot comes to rest.
 """
 
 from __future__ import annotations
@@ -10,36 +11,26 @@ import copy
 import json
 import os
 import tempfile
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType
 
 import pytest
+from bounded.invariants import check, same_as_anew
+from bounded.watch import Reader, Watch
 from hypothesis import HealthCheck, Phase, given, reject, settings
 from hypothesis import strategies as st
 from robots import VirtualRobot, handed_on, write_tree
 
-from rorg.core.admission import PROTECTED, over_budget
-from rorg.core.decide import Decision, decide
-from rorg.core.inputs import Inputs
-from rorg.core.joining import joined_of
 from rorg.core.objects import found_object
 from rorg.core.observed import Container
-from rorg.core.plan import Action
-from rorg.core.pressure import excess, helps
 from rorg.core.requests import problems
-from rorg.core.rollout import fits
-from rorg.core.situation import Situation
 from rorg.daemon.snapshot import Snapshots, snapshot
 from rorg.errors import Invalid, RorgError
 from rorg.manifest.load import load_or_raise
-from rorg.model.catalog import Catalog, Hold, Request, Service
-from rorg.model.graph import closure, conflicting, overbooked
-from rorg.model.joining import ends_with
+from rorg.model.catalog import Catalog, Hold, Request
 from rorg.model.learned import Departure, Learned
 from rorg.model.units import stamp
-from rorg.tools.sim.robot import OFTEN, SimRobot
+from rorg.tools.sim.robot import SimRobot
 
 ROBOTS = Path(__file__).parent / "cases/robots"
 """Found by the properties, and made as small as they go."""
@@ -54,14 +45,10 @@ WHOLE = settings(
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much],
 )
 HALF = settings(WHOLE, max_examples=EXAMPLES or 12)
-QUIET = 100.0
-"""Seconds at the end of every run in which nothing may happen any more."""
 REST = 200.0
 """Seconds after the last disturbance; longer than every linger, lease, hold and time of calm together."""
 PATIENCE = 10.0
 """Seconds between passes, after the last disturbance, while probes say what they said before."""
-UNEVENTFUL = 4
-"""One of so many passes that repeat the pass before is compared with one that keeps nothing."""
 
 
 HARDER = {"deactivate": ["pause", "stop", "remove"], "pause": ["stop", "remove"], "stop": ["remove"]}
@@ -354,59 +341,9 @@ def live_through(specs, policy, events, uses=None, learned=None):
         robot.at(time, lambda: [robot.engine.objects.pop(k) for k, o in [*robot.engine.objects.items()] if not o.owner])
         robot.at(time, lambda: setattr(robot, "patience", PATIENCE))
         robot.at(time + REST, lambda: None)
-        watch = Watch(robot, world)
-        robot.run(lambda r: watch.invariants() and r.now >= time + REST, time + 2 * REST)
-        at_rest(robot, world)
-
-
-class Reader(SimRobot):
-    """Keeps what the last pass has read. Looks at a container only when it is new, or when a verdict asks for it."""
-
-    looked: Mapping[str, float] = MappingProxyType({})
-
-    patience = 0.0
-    """Seconds between passes at least, while all probes say what they said before."""
-
-    def inputs(self) -> Inputs:
-        found, asked = super().inputs(), self.decision.to_look if self.cache else {}
-        new = {c.id: self.now for c in found.observed.containers if c.id in asked or c.id not in self.looked}
-        self.looked = {**self.looked, **new}
-        self.read = replace(found, observed=replace(found.observed, looked=self.looked))
-        return self.read
-
-    def _seconds_to_next_probe(self) -> float:
-        seconds = super()._seconds_to_next_probe()
-        return seconds if seconds <= OFTEN else max(seconds, self.patience)
-
-
-def same_as_anew(read: Inputs, found: Decision) -> None:
-    """What is kept from one pass for the next one changes nothing but the time that it takes."""
-    anew = decide(replace(read, cache=None, memory=replace(read.memory, admitted=None)))
-    assert found.plan == anew.plan, f"{found.plan.text()}\nanew:\n{anew.plan.text()}"
-    assert found.begin == anew.begin
-    assert found.memory == replace(anew.memory, admitted=found.memory.admitted)
-    assert dict(found.to_probe) == dict(anew.to_probe)
-    assert found.deadline == anew.deadline
-    assert found.violations == anew.violations
-
-
-def requested_as_without(read: Inputs, found: Decision) -> None:
-    """What is prewarmed changes nothing of what is requested: who is wanted for it, who is preempted, and what is done
-    for it now."""
-    plain = decide(replace(read, cache=None, learned=None))
-    wanted, more = plain.situation.wanted, found.situation.prewarmed
-    assert {n: c for n, c in found.situation.wanted.items() if n not in more} == wanted
-    assert found.situation.preempted == plain.situation.preempted
-    assert found.settled == plain.settled
-    for of in (lambda d: d.plan.actions, lambda d: d.plan.waitings):
-        assert [a for a in of(found) if a.service in wanted] == [a for a in of(plain) if a.service in wanted]
-    assert {a for a in begun(plain) if a[1] in wanted} <= begun(found), "it begins later"
-    assert not more or not (found.memory.pressure.engaged or found.situation.suspended)
-    assert not more & {*found.holds}
-
-
-def begun(decision: Decision) -> set[tuple[str, str]]:
-    return {(a.verb, a.service) for a in decision.begin}
+        watch = Watch(robot, check)
+        robot.run(lambda r: watch.passed() and r.now >= time + REST, time + 2 * REST)
+        check("rest", watch)
 
 
 class World:
@@ -436,268 +373,6 @@ class World:
             robot.declare(self.load())
         except Invalid:
             self.specs[name] = before
-
-
-def at_rest(robot: SimRobot, world: World) -> None:
-    situation, catalog = robot.decision.situation, robot.desired.catalog
-    bad = {n for n, d in robot.desired.digests.items() if d in robot.faults.bad}
-    there = {one.id for one in robot.engine.objects.values()}
-    # Nobody can go back to a container whose network somebody has taken away.
-    able = [c for c in robot.engine.list() if {*c.networks.values()} <= there]
-    well = {c.service for c in able if c.digest not in robot.faults.bad}
-    failed = {n for n in robot.desired.digests if robot.memory.of(n).update.failed}
-    loops = closure_of(catalog, (bad | failed) - well)  # nothing of it ran well, so it is tried again, for ever
-    late = [call for call in robot.engine.calls if call[0] > robot.now - QUIET and call[2] not in loops]
-    assert not late, f"it does not come to rest: {late[:6]}"
-    no_way_back(robot, bad - loops)
-    wanted = {n for n in situation.wanted if not catalog.services[n].meta} - (loops - robot.active())
-    waiting = {w.service for w in robot.decision.plan.waitings}
-    assert robot.active() <= wanted
-    assert wanted - robot.active() <= waiting, "wanted is served or explained"
-    if not robot.memory.pressure.level:
-        # A run that froze before it was ready is late, and stays: what needs it waits.
-        frozen = {c.service for c in robot.engine.list() if c.alive and c.incarnation in robot.hung}
-        assert not wanted - robot.active() - closure_of(catalog, frozen), robot.decision.plan.text()
-    for name, state in robot.states().items():
-        if name not in situation.wanted and name not in loops:
-            idle = world.specs[name]["idle"]
-            allowed = {"pause": ("paused", "created", "exited"), "stop": ("created", "exited"), "remove": ()}
-            allowed["deactivate"] = ("inactive", *allowed["pause"])
-            assert state in allowed[idle["action"]], (name, state)
-            further = idle.get("escalate", {}).get("action")
-            stays = {None: ("inactive", "paused"), "pause": ("paused",)}.get(further, ())
-            assert state not in {"inactive", "paused"} - {*stays}, f"{name} went no further"
-    for name in robot.states():
-        known = [c for c in robot.engine.list() if c.service == name]
-        assert len(known) == 1 or name in waiting or kept(known), "two containers of a service"
-    for name in robot.active() - loops:
-        run = next(c for c in robot.engine.list() if c.service == name and c.active)
-        for id in joined_of(run.joined).values():
-            other = robot.engine.inspect(id)
-            # Its restart may have to wait while admission is closed; the plan says so.
-            ended = id in namespaces(catalog.services[name], run) and other and other.started_at > run.started_at
-            whole = other is not None and other.active and not ended
-            assert whole or name in waiting, f"{name} is joined to {other or 'nothing'}"
-    nobody_waits_in_vain(robot)
-    used = {f"network/{n}" for c in robot.engine.list() for n in c.networks}
-    ours = {key for key, one in robot.engine.objects.items() if one.owner and one.kind == "network"}
-    assert ours <= used | {f"network/{n}" for n in world.networks}, "a network that nobody declares or uses goes"
-
-
-def known(situation: Situation, id: str) -> Container | None:
-    return next((c for c in situation.observed.containers if c.id == id), None)
-
-
-def namespaces(service: Service, container: Container | None) -> list[str]:
-    """Containers whose namespaces a container has."""
-    joins = joined_of(container.joined) if container else {}
-    return [joins[name] for name in ends_with(service.joins) if name in joins]
-
-
-def kept(known: list[Container]) -> bool:
-    """The second one is what can be gone back to, if the first is ever wanted again and does not come up."""
-    old, new = sorted(known, key=lambda c: (c.created_at, c.id))
-    return not new.active and not old.alive and new.previous == old.id
-
-
-def no_way_back(robot: SimRobot, bad: set[str]) -> None:
-    """A service with a bad manifest runs as it was before, unless there is nothing to go back to."""
-    for name in bad & {*robot.decision.situation.wanted}:
-        known = [c for c in robot.engine.list() if c.service == name]
-        old = [c for c in known if c.digest not in robot.faults.bad]
-        waits = {w.service for w in robot.decision.plan.waitings}
-        assert not old or name in waits, f"{name}: nobody is told"
-        untried = not any(c.started_at for c in known if c not in old) and name in waits
-        assert len(known) <= 1 or untried or robot.memory.of(name).update.held, f"{name} keeps {known}"
-
-
-def closure_of(catalog: Catalog, names: set[str]) -> set[str]:
-    """Those that need one of these."""
-    return {n for n in catalog.services if names & closure(catalog.services, [n])}
-
-
-def nobody_waits_in_vain(robot: SimRobot) -> None:
-    """What gave way could not run beside what runs."""
-    situation, catalog = robot.decision.situation, robot.desired.catalog
-    services, budget = catalog.services, catalog.policy.budget
-    out = {*robot.decision.holds, *(s.service for s in robot.memory.pressure.shed)}
-    for name in situation.preempted:
-        more = {n for n in closure(services, [name]) if not services[n].meta}
-        names = {*situation.wanted, *more}
-        in_the_way = more & out or overbooked(catalog, names) or conflicting(services, names)
-        # A request is queued whole: what it asks for besides may be too much.
-        asked = [closure(services, r.services) for r in robot.decision.settled.requests]
-        too_much = (
-            budget
-            and budget.over == "queue"
-            and any(over_budget(catalog, {*situation.wanted, *request}) for request in asked if name in request)
-        )
-        assert in_the_way or too_much, f"{name} waits for nothing: {situation.preempted[name]}"
-
-
-class Watch:
-    """Checks every pass, and what changed since the one before."""
-
-    def __init__(self, robot: SimRobot, world: World) -> None:
-        self.robot, self.world = robot, world
-        self.shed: tuple = ()
-        self.begun: set[tuple] = set()
-        self.starts: dict[str, float] = {}
-        """When the last call that started a service began."""
-        self.passes, self.snapshots = 0, Snapshots()
-        self.repeated, self.before = 0, ()
-        self.baked: dict[str, str] = {}
-
-    def invariants(self) -> bool:
-        if self.eventful():
-            same_as_anew(self.robot.read, self.robot.decision)
-            if self.robot.learned:
-                requested_as_without(self.robot.read, self.robot.decision)
-        self.published()
-        self.proven()
-        robot, services = self.robot, self.robot.desired.catalog.services
-        situation = robot.decision.situation
-        told = (
-            {a.service for a in robot.decision.plan.actions}
-            | {w.service for w in robot.decision.plan.waitings}
-            | {*robot.memory.in_flight}
-        )
-        states = robot.states()
-        if situation.observed.complete:
-            for name in situation.wanted:
-                assert services[name].meta or states.get(name) == "running" or name in told, f"{name}: not explained"
-            for name in robot.active():
-                assert name in situation.wanted or name in told, f"{name} runs though nobody wants it"
-            alive = {c.incarnation for c in robot.engine.list() if c.alive}
-            assert all(r.incarnation in alive for r in robot.decision.settled.requests if r.requester != "developer")
-        for name, flight in robot.memory.in_flight.items():
-            if (name, flight.since) not in self.begun:
-                self.begun.add((name, flight.since))
-                self.beginning(name, flight.action)
-        self.shedding()
-        return True
-
-    def eventful(self) -> bool:
-        """Whether to compare this pass with one that keeps nothing: passes that differ from the pass before, and some
-        of those that do not."""
-        decision = self.robot.decision
-        waitings = [(w.service, w.until, w.code) for w in decision.plan.waitings]
-        now = decision.plan.actions, waitings, decision.begin, self.robot.memory.in_flight, self.robot.read.observed
-        self.repeated = self.repeated + 1 if now == self.before else 0
-        self.before = now
-        return self.repeated % UNEVENTFUL == 0
-
-    def proven(self) -> None:
-        """Who is found just now to have stayed well was looked at, and has answered, since its bake ended."""
-        read, robot = self.robot.read, self.robot
-        for name, step in robot.memory.progress.items():
-            before, self.baked[name] = self.baked.get(name), step.update.baked
-            service = robot.desired.catalog.services.get(name)
-            if step.update.baked in ("", before) or step.well_since is None or service is None:
-                continue
-            run = read.observed.by_service()[name][0]
-            over = step.well_since + service.update.bake
-            asked = [r for r, p in (("ready", service.ready), ("live", service.live)) if p and p.delay is None]
-            assert robot.now >= over
-            assert read.observed.looked[run.id] >= over, f"nobody has looked at {name}"
-            assert all((said := read.results[name, r]).ok and said.at >= over for r in asked), f"{name} was not asked"
-
-    def published(self) -> None:
-        """Now and then, as a loop does it. What is kept of it says the same as what is written anew."""
-        self.passes += 1
-        self.snapshots.note(self.robot.decision)
-        if self.passes % 3 == 0 and self.repeated % UNEVENTFUL == 0:
-            text = self.snapshots.text({"pid": 1})
-            assert json.loads(text) == json.loads(json.dumps(snapshot(self.robot.decision, {"pid": 1})))
-
-    def beginning(self, name: str, action: Action) -> None:
-        """An action is begun just now."""
-        robot, services = self.robot, self.robot.desired.catalog.services
-        situation = robot.decision.situation
-        assert not situation.suspended
-        assert situation.observed.complete
-        assert name not in robot.locked or action.verb in ("create", "rename"), f"{action} against its interlock"
-        if action.verb in ("start", "resume"):
-            assert name not in robot.decision.holds
-            for need in services[name].needs:
-                assert services[need].meta or robot.memory.of(need).ready, f"{name} was begun before {need} was ready"
-            self.alone(name)
-            for id in namespaces(services[name], known(situation, action.container)):
-                other = known(situation, id)
-                assert other, f"{action}, joined to nothing"
-                assert other.alive, f"{action}, joined to {other}"
-            others = [c for c in robot.engine.list() if c.service == name and c.active and c.id != action.container]
-            assert not others, f"{action} beside {others}"
-        if action.verb == "stop":
-            self.together(name, action)
-        if action.verb == "start":
-            self.starts[name] = robot.memory.in_flight[name].since
-        if action.reason.endswith(" was restarted"):
-            # Since the call that started it began: by a later time of the engine it may have begun before that.
-            need = action.reason.split()[0]
-            since = [at for at, verb, other in robot.engine.calls if (verb, other) == ("start", need)]
-            assert len(since) > 1, f"{need} was not restarted"
-            assert since[-1] > self.starts[name], f"{need} was not restarted"
-
-    def alone(self, name: str) -> None:
-        """Nothing that is alive stands against its beginning."""
-        robot, catalog = self.robot, self.robot.desired.catalog
-        alive = {c.service for c in robot.engine.list() if c.alive and c.service in catalog.services} - {name}
-        for resource, units in catalog.services[name].exclusive.items():
-            used = sum(catalog.services[n].exclusive.get(resource, 0) for n in alive)
-            assert used + units <= catalog.policy.resources.get(resource, 1), f"more {resource} than there is"
-        active = {n for n in robot.active() if n in catalog.services}
-        assert not [p for p in conflicting(catalog.services, {*active, name}) if name in p]
-
-    def together(self, name: str, action: Action) -> None:
-        """One that goes together with others makes way for its new container once those of all are there."""
-        robot, desired = self.robot, self.robot.desired
-        wanted, found = robot.decision.situation.wanted, {c.id: c for c in robot.engine.list()}
-        if action.reason != "changed" or name not in wanted or not found[action.container].active:
-            return
-        if name in robot.decision.situation.restarts:
-            return
-        run = found[action.container]
-        if fits(run, name, desired):
-            return  # another node of its device, or another network, is no change of its manifest
-        joined, shared = joined_of(run.joined).values(), namespaces(desired.catalog.services[name], run)
-        if any(id not in found or (id in shared and not found[id].alive) for id in joined):
-            return  # what it is joined to is gone or over: it cannot go on as it is, nor be gone back to
-        members = {*desired.sets.get(desired.catalog.services[name].update.atomic, ())}
-        if run.previous in found and any(robot.memory.of(m).update.failed for m in members):
-            return  # the change of one has failed, and the others go back too
-        for other in members & {*wanted}:
-            own = [c for c in found.values() if c.service == other]
-            assert not own or any(fits(c, other, desired) for c in own), f"{name} was ended before {other} was made"
-
-    def shedding(self) -> None:
-        """What was shed just now mattered least of all whose end would help, and no more important request held it."""
-        policy, load = self.robot.desired.catalog.policy, self.robot.read.load
-        over = excess(policy.pressure, policy.budget, load) if policy.pressure and load else {}
-        situation, state = self.robot.decision.situation, self.robot.memory.pressure
-        new, self.shed = [s.service for s in state.shed if s not in self.shed], state.shed
-        services = self.robot.desired.catalog.services
-        for shed in new:
-            assert not situation.suspended
-            assert not services[shed].protected
-            for name in situation.wanted:
-                assert shed not in services[name].needs, f"{name} needs {shed}"
-            askers = {r.requester for r in self.robot.decision.settled.requests}
-            # What was shed comes back: what it needs does not go in its place.
-            needed = {n for w in (*situation.wanted, *(s.service for s in self.shed)) for n in services[w].needs}
-            shields = {n for n in situation.wanted if any(services[m].protected for m in closure(services, [n]))}
-            spared = {*askers, *needed, *shields, *closure(services, [shed])}
-            others = [
-                n
-                for n, rank in situation.priorities.items()
-                if rank < PROTECTED
-                and not services[n].meta
-                and n in self.robot.active()
-                and n not in spared
-                and not services[n].interlock
-                and helps(over, *load.use.get(n, (0.0, 0)))
-            ]
-            assert all(situation.priorities[n] >= services[shed].priority for n in others), (shed, others)
 
 
 def disturb(robot: SimRobot, verb: str, name: str, world: World) -> None:

@@ -1,0 +1,255 @@
+"""Evidence about a robot in virtual time, gathered pass by pass and call by call. The invariants (invariants.py) judge
+it; nothing here does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from types import MappingProxyType
+
+from rorg.core.inputs import Inputs
+from rorg.core.joining import joined_of
+from rorg.core.observed import Container
+from rorg.core.operations import Stop
+from rorg.core.plan import Action
+from rorg.core.situation import Situation
+from rorg.daemon.snapshot import Snapshots
+from rorg.model.catalog import Catalog, Request, Service
+from rorg.model.graph import closure
+from rorg.model.joining import ends_with
+from rorg.tools.sim.engine import SimEngine
+from rorg.tools.sim.robot import OFTEN, SimRobot
+
+UNEVENTFUL = 4
+"""One of so many passes that repeat the pass before is compared with one that keeps nothing."""
+SPARING = 6
+EXACT = 1e-6
+"""Seconds of tolerance for times that were rounded."""
+
+
+class WatchedEngine(SimEngine):
+    """Tells `heard` about each call that rorg makes, just before it takes effect."""
+
+    heard: Callable[[str, Container | None, str], None] | None = None
+    """Gets the verb, the container (None if the call creates it), and the service."""
+    strangers: frozenset[str] = frozenset()
+    """Containers that do not belong to rorg."""
+    by_rorg = False
+    """Whether rorg makes the present call, rather than a person."""
+
+    def _fault(self, verb: str, service: str) -> None:
+        super()._fault(verb, service)
+        if self.heard and self.by_rorg and verb == "create":
+            self.heard(verb, None, service)
+
+    def _change(self, verb: str, container: str, states: tuple[str, ...], **fields: object) -> None:
+        before = self.containers.get(container)
+        super()._change(verb, container, states, **fields)
+        if self.heard and self.by_rorg and before:
+            self.heard(verb, before, before.service)
+
+
+class Reader(SimRobot):
+    """Keeps what the last pass has read. Looks at a container only when it is new, or when a verdict asks for it."""
+
+    looked: Mapping[str, float] = MappingProxyType({})
+    acknowledged: set[tuple[str, str]] | None = None
+    """Keys of the requests that were acknowledged and neither released nor dropped, if somebody keeps a list."""
+    patience = 0.0
+    """Seconds between passes at least, while all probes say what they said before."""
+
+    def __init__(self, catalog: Catalog, owner: str = "sim") -> None:
+        super().__init__(catalog, owner)
+        self.engine = WatchedEngine(owner, lambda: self.now + self.clock_set, self.faults)
+
+    def inputs(self) -> Inputs:
+        found, asked = super().inputs(), self.decision.to_look if self.cache else {}
+        seen = self.visible(found.observed.containers, asked)
+        new = {c.id: self.now for c in seen if c.id in asked or c.id not in self.looked}
+        self.looked = {**self.looked, **new}
+        self.read = replace(found, observed=replace(found.observed, containers=seen, looked=self.looked))
+        return self.read
+
+    def visible(self, present: tuple[Container, ...], asked: Mapping[str, float]) -> tuple[Container, ...]:
+        """What it sees of the present containers. It looks now at those that are `asked` for."""
+        return present
+
+    def _seconds_to_next_probe(self) -> float:
+        seconds = super()._seconds_to_next_probe()
+        return seconds if seconds <= OFTEN else max(seconds, self.patience)
+
+    def _finish(self, action: Action, life: int) -> None:
+        self.engine.by_rorg = True
+        try:
+            super()._finish(action, life)
+        finally:
+            self.engine.by_rorg = False
+
+    def lags(self, service: str) -> bool:
+        """Whether what it sees of a service is older than the present."""
+        return False
+
+
+class Watch:
+    """What happened to one robot so far. `passed` is called after each pass."""
+
+    def __init__(self, robot: Reader, check: Callable[[str, Watch], None], sparing: bool = False) -> None:
+        """`check` judges by all invariants of one moment: begin, call or pass. A `sparing` watch compares only one in
+        SPARING passes with one that keeps nothing."""
+        self.robot, self.check, self.sparing = robot, check, sparing
+        robot.engine.heard = self._called
+        self.shed: tuple = ()
+        """Services that are shed, and those that were before this pass."""
+        self.shed_before: tuple = ()
+        self.begun: set[tuple] = set()
+        self.starts: dict[str, float] = {}
+        """When the last call that started a service began."""
+        self.passes, self.snapshots = 0, Snapshots()
+        self.repeated, self.before = 0, ()
+        self.baked: dict[str, str] = {}
+        """Service -> the edition that stayed well last, as of the pass before."""
+        self.ready: dict[str, str] = {}
+        """Service -> the incarnation that rorg called ready in the pass before."""
+        self.good: set[str] = set()
+        """Containers that stayed well for their bake, and did not fail since."""
+        self.leased: dict[tuple, float] = {}
+        """Lease -> when it began at the latest."""
+        self.life = 0
+        """Which rorg decided the pass before."""
+        self.unwanted: dict[str, float] = {}
+        """Service -> since when it is not wanted."""
+        self.quarantined: set[tuple[str, str]] = set()
+        """(service, edition) that failed, and that nobody asked to try again."""
+        self.stopped: set[str] = set()
+        self.to_stop: set[str] = set()
+        """Runs that rorg stopped, and those that it began to stop."""
+        self.action: tuple[str, Action] | None = None
+        """The action that begins just now, with its service."""
+        self.call: tuple[str, Container | None, str] | None = None
+        """The call that the engine executes just now."""
+
+    def fork(self, robot: Reader) -> Watch:
+        """Return a watch with the same evidence on a copy of the robot."""
+        other = Watch.__new__(Watch)
+        other.__dict__.update(self.__dict__)
+        for name in ("begun", "good", "quarantined", "stopped", "to_stop"):
+            setattr(other, name, {*getattr(self, name)})
+        for name in ("starts", "baked", "ready", "leased"):
+            setattr(other, name, {**getattr(self, name)})
+        other.robot, other.snapshots = robot, Snapshots()
+        robot.engine.heard = other._called
+        return other
+
+    def passed(self) -> bool:
+        """Gather what this pass shows, and check it. Return True."""
+        self._note_repetition()
+        self._note_good()
+        self._note_leases()
+        self._note_unwanted()
+        self.shed_before, self.shed = self.shed, self.robot.memory.pressure.shed
+        for name, flight in self.robot.memory.in_flight.items():
+            if (name, flight.since) not in self.begun:
+                self.begun.add((name, flight.since))
+                self.action = name, flight.action
+                self.check("begin", self)
+                if isinstance(flight.action.operation, Stop):
+                    self.to_stop.add(flight.action.operation.incarnation)
+                if flight.action.verb == "start":
+                    self.starts[name] = flight.since
+        self.passes += 1
+        self.check("pass", self)
+        if self.robot.acknowledged is not None:
+            self.robot.acknowledged -= {request.key for request, _ in self.robot.decision.settled.dropped}
+        progress = self.robot.memory.progress
+        self.baked = {name: step.update.baked for name, step in progress.items()}
+        self.ready = {name: step.incarnation for name, step in progress.items() if step.ready}
+        return True
+
+    def _called(self, verb: str, container: Container | None, service: str) -> None:
+        self.call = verb, container, service
+        if verb == "stop" and container and container.incarnation in self.to_stop:
+            self.stopped.add(container.incarnation)
+        self.check("call", self)
+
+    def _note_repetition(self) -> None:
+        decision = self.robot.decision
+        waitings = [(w.service, w.until, w.code) for w in decision.plan.waitings]
+        now = decision.plan.actions, waitings, decision.begin, self.robot.memory.in_flight, self.robot.read.observed
+        self.repeated = self.repeated + 1 if now == self.before else 0
+        self.before = now
+
+    def _note_good(self) -> None:
+        """A container is good once its edition has stayed well, until it ends on its own or hangs."""
+        desired = self.robot.desired
+        for container in self.robot.engine.containers.values():
+            step = self.robot.memory.of(container.service)
+            if container.incarnation in (step.exited, step.hung) or container.exit_code:
+                self.good.discard(container.id)
+            elif (
+                container.state == "running"
+                and step.incarnation == container.incarnation
+                and container.digest == desired.digests.get(container.service)
+                and step.update.baked == step.update.edition != ""
+            ):
+                self.good.add(container.id)
+
+    def _note_leases(self) -> None:
+        """A lease begins when this rorg sees it first, and again while its requester sleeps or the engine is silent."""
+        read, life = self.robot.read, self.robot.life
+        asleep = {c.service for c in read.observed.containers if c.asleep}
+        found = {}
+        for request in (r for r in read.requests if r.ttl is not None):
+            lease, begins = lease_of(request, read.renewals), request.requester in asleep or life != self.life
+            found[lease] = read.now if begins or not read.observed.complete else self.leased.get(lease, read.now)
+        self.leased, self.life = found, life
+
+    def _note_unwanted(self) -> None:
+        wanted = self.robot.decision.situation.wanted
+        self.unwanted = {n: self.unwanted.get(n, self.robot.now) for n in self.services if n not in wanted}
+        for name, step in self.robot.memory.progress.items():
+            self.quarantined |= {(name, edition) for edition in step.update.quarantined}
+        self.quarantined -= {q for q in self.quarantined if q[0] in self.robot.decision.retried}
+
+    # -- shorthands for invariants ---------------------------------------------------------------------------------
+
+    @property
+    def services(self) -> Mapping[str, Service]:
+        return self.robot.desired.catalog.services
+
+    @property
+    def eventful(self) -> bool:
+        """Whether to compare this pass with one that keeps nothing: passes that differ from the pass before, and some
+        of those that do not."""
+        return self.repeated % UNEVENTFUL == 0 and not (self.sparing and self.passes % SPARING)
+
+    @property
+    def told(self) -> set[str]:
+        """Services about which the plan says anything, and those with a call under way."""
+        plan = self.robot.decision.plan
+        return {a.service for a in plan.actions} | {w.service for w in plan.waitings} | {*self.robot.memory.in_flight}
+
+    def alive(self, but: str = "") -> set[str]:
+        """Declared services with a run that goes on, by the engine."""
+        found = self.robot.engine.containers.values()
+        return {c.service for c in found if c.alive and c.service in self.services} - {but}
+
+
+def lease_of(request: Request, renewals: Mapping) -> tuple:
+    """What makes a lease begin again if it changes."""
+    return request.key, request.renewed, request.ttl, renewals.get(request.key, 0)
+
+
+def known(situation: Situation, id: str) -> Container | None:
+    """The container with this id, as observed."""
+    return next((c for c in situation.observed.containers if c.id == id), None)
+
+
+def namespaces(service: Service, container: Container | None) -> list[str]:
+    """Containers whose namespaces a container has."""
+    joins = joined_of(container.joined) if container else {}
+    return [joins[name] for name in ends_with(service.joins) if name in joins]
+
+
+def closure_of(catalog: Catalog, names: set[str]) -> set[str]:
+    """Those that need one of these."""
+    return {n for n in catalog.services if names & closure(catalog.services, [n])}
