@@ -71,7 +71,7 @@ def the_status_says_what_was_decided(watch: Watch) -> None:
     """The status that rorg updates in place says the same as one that is written from nothing."""
     watch.snapshots.note(watch.robot.decision)
     if watch.passes % 3 == 0 and watch.eventful:
-        text = watch.snapshots.text(watch.robot.decision, {"pid": 1})
+        text = watch.snapshots.text({"pid": 1})
         assert json.loads(text) == json.loads(json.dumps(snapshot(watch.robot.decision, {"pid": 1})))
 
 
