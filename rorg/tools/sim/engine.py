@@ -56,7 +56,7 @@ class SimEngine:
         """Identity of a device -> its state. Services do not wait for any other device."""
         self.objects: dict[str, FoundObject] = {}
         """Networks and volumes by key, including those that do not belong to rorg."""
-        self._ids = (f"{n:064x}" for n in itertools.count(1))
+        self._ids = (f"{n:012x}".ljust(64, "0") for n in itertools.count(1))
         self._output: dict[str, bytes] = {}
         self._run_from: dict[str, int] = {}
         """Container -> where the output of its current run begins."""

@@ -2,7 +2,7 @@
 
 import { html, useEffect, useMemo, useRef, useState } from "/page/vendor/preact.js";
 import uPlot from "/page/vendor/uplot.js";
-import { call, clock, encode, state, useStore } from "/page/store.js";
+import { call, clock, encode, state, useGradually, useStore } from "/page/store.js";
 
 const TURN = 2000;
 const SINGLE = 40;
@@ -262,7 +262,7 @@ function useWidth() {
 function Events({ range, jump, open }) {
   const { events } = useStore("events");
   const [begin, end] = [range.begin, range.end].map((time) => new Date(time).toISOString());
-  const shown = events.filter((event) => event.at >= begin && event.at <= end).slice(-40).reverse();
+  const shown = events.filter((event) => event.at >= begin && event.at <= end).slice(-useGradually(40, 10)).reverse();
   return html`<ul class="events scroll" tabindex="0" aria-label="Events">${shown.map(
     (event) => html`<li key=${event.seq}><button class="link" onClick=${() => jump(ms(event.at))}>${clock(event.at)}</button>${" "}
       ${event.service ? html`<button class="link" onClick=${() => open(event.service)}>${event.message}</button>` : event.message}</li>`,
@@ -285,7 +285,8 @@ export function Lanes({ open }) {
   const turn = useTurn();
   const names = useMemo(() => Object.values(state.services).filter((s) => s.state !== "meta").map((s) => s.service).sort(), [count]);
   const first = Math.max(0, Math.min(names.length - SHOWN, Math.floor(top / ROW) - 3));
-  const visible = names.slice(first, first + SHOWN);
+  const drawn = useGradually(SHOWN, 5);
+  const visible = names.slice(first, first + drawn);
   // Steps of a part of the range, so that a lane is not asked for again at every second.
   const step = Math.max(60_000, (range.end - range.begin) / 2);
   const since = Math.floor(range.begin / step) * step - step;
@@ -315,7 +316,7 @@ export function Lanes({ open }) {
         ${visible.map((name) => html`<${Lane} key=${name} name=${name} spans=${spans[name]} range=${range.shown} width=${width} open=${open} />`)}
       </div>
     </div>
-    <h2>CPU and memory</h2><${Usage} range=${range} width=${width} since=${since} />
-    <h2>Events</h2><${Events} range=${range} jump=${jump} open=${open} />
+    <h2>CPU and memory</h2>${drawn === SHOWN && html`<${Usage} range=${range} width=${width} since=${since} />`}
+    <h2>Events</h2>${drawn === SHOWN && html`<${Events} range=${range} jump=${jump} open=${open} />`}
   </div>`;
 }
