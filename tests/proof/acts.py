@@ -87,6 +87,16 @@ class Acts(World):
             return self.client().call("GET", f"/v1/services/{name}")
         return None
 
+    def withheld(self, name: str) -> None:
+        """Wait until rorg says that it keeps a service whose manifest is gone."""
+
+        def look() -> bool:
+            with contextlib.suppress(Error):
+                return name in self.client().status()["withheld"]
+            return False
+
+        self.when_alive(look, f"the removal of {name} is not withheld")
+
     def restart(self, name: str, *others: str) -> None:
         """Ask for it, and wait until it, and what spreads from it, has begun anew."""
         self.call("POST", f"/v1/services/{name}/restart?force=true")

@@ -163,7 +163,7 @@ DEFECTS = (
     ),
     defect(
         "what was declared before is not written down",
-        "removal",
+        "emptied-tree",
         ("daemon/write_ahead.py", "write_kept(self.state.path, kept)", "pass"),
     ),
 )

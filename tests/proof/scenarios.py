@@ -116,6 +116,27 @@ scenario(
     lambda w: w.until(cam="gone"),
 )
 scenario(
+    "withheld-removal",
+    settled(
+        declared(cam=service(), base=BASE),
+        lambda w: w.request("look", "cam"),
+        running("cam", "base"),
+    ),
+    declared(base=BASE),
+    lambda w: w.withheld("cam"),
+    declared(cam=service(), base=BASE),
+    running("cam"),
+)
+scenario(
+    "emptied-tree",
+    settled(declared(base=BASE), running("base")),
+    lambda w: w.declare({}, policies={"policy": {"resync": "1m"}}),
+    lambda w: w.withheld("base"),
+    lambda w: w.crash("base"),
+    running("base"),
+    declared(base=BASE),
+)
+scenario(
     "spreading-restart",
     settled(
         declared(base=BASE, arm=always(needs=[{"service": "base", "restart": True}])),

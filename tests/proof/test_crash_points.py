@@ -12,7 +12,7 @@ from cases import Player
 from effects import SIDES
 from scenarios import ALL
 
-DRAWN = 14
+DRAWN = 7
 """Scenarios of a run."""
 BUDGET = float(os.environ.get("RORG_PROOF_BUDGET") or 0.5)
 """Seconds for the points of a scenario, beyond the first ones."""
