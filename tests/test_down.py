@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import subprocess
+from dataclasses import replace
 
 import commands
 import psutil
@@ -15,7 +16,11 @@ from rorg_process import RorgProcess
 
 from rorg.core.observed import Container
 from rorg.daemon.teardown import is_down
+from rorg.errors import RorgError
+from rorg.store.clear import clear, stays_down
 from rorg.store.requests_document import RequestsDocument
+from rorg.store.requests_file import RequestsFile
+from rorg.store.state_dir import StateDir
 
 SERVICES = {
     "base": {"always_on": True, "driver": {}},
@@ -183,3 +188,21 @@ def test_a_service_may_not(robot):
     with pytest.raises(Forbidden):
         service.call("PUT", "/v1/down", {})
     assert robot.client().service("base")["state"] == "running"
+
+
+def test_that_it_is_down_is_noted_last(tmp_path):
+    """An rorg that ends before the note finds the robot going down, and clears again."""
+    state = StateDir(tmp_path / "state").prepare()
+    file = RequestsFile(state.requests)
+    file.change(lambda asked: replace(asked, down=True))
+    (state.path / "journal.db").write_text("")
+    text = state.requests.read_text()
+    state.requests.unlink()
+    state.requests.mkdir()  # the note is refused
+    with pytest.raises(RorgError):
+        clear(state, 0.0)
+    assert not (state.path / "journal.db").exists()
+    state.requests.rmdir()
+    state.requests.write_text(text)
+    clear(state, 0.0)
+    assert stays_down(state, restarted=True) .startswith("1970-01-01T00:00:00")

@@ -43,10 +43,13 @@ def clear(state: StateDir, now: float) -> None:
             shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
         for name in FOLDERS:
             shutil.rmtree(state.path / name, ignore_errors=True)
+        for path in (*state.path.glob("journal.*"), *(state.path / name for name in FILES)):
+            path.unlink(missing_ok=True)
+        # Noted last: an rorg that is killed before this clears again.
         down = RequestsFile(state.requests).change
         down(lambda d: replace(d, down=True, down_since=stamp(now), purge=False), notify=False)
-        for path in (*state.path.glob("journal.*"), *(state.path / name for name in (*FILES, *LOCKS))):
-            path.unlink(missing_ok=True)
+        for name in LOCKS:
+            (state.path / name).unlink(missing_ok=True)
     with contextlib.suppress(OSError):  # it is the machine's, or others use it
         state.run.rmdir()
 
