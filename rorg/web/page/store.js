@@ -21,20 +21,28 @@ function changed(names) {
   for (const name of names) for (const listener of listeners.get(name) ?? []) listener();
 }
 
+const due = new Set();
+
+/** Draw one part of the page, and the next one in the next frame, so that no frame takes long. */
+function drawNext() {
+  const [draw] = due;
+  due.delete(draw);
+  if (due.size) requestAnimationFrame(drawNext);
+  draw?.();
+}
+
 /** Return the state, and draw the caller again whenever one of these parts changes: at most once a frame. */
 export function useStore(...names) {
-  const [, draw] = useState(0);
+  const [, set] = useState(0);
   useEffect(() => {
-    let due = 0;
+    const draw = () => set((count) => count + 1);
     const listener = () => {
-      due ||= requestAnimationFrame(() => {
-        due = 0;
-        draw((count) => count + 1);
-      });
+      if (!due.size) requestAnimationFrame(drawNext);
+      due.add(draw);
     };
     for (const name of names) listeners.set(name, (listeners.get(name) ?? new Set()).add(listener));
     return () => {
-      cancelAnimationFrame(due);
+      due.delete(draw);
       for (const name of names) listeners.get(name).delete(listener);
     };
   }, []);
