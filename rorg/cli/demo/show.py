@@ -15,6 +15,7 @@ from rich.text import Text
 
 from rorg.cli.output import rich_table
 from rorg.model.units import format_memory
+from rorg.plots.states import LOOKS
 
 
 class Show:
@@ -124,7 +125,12 @@ class Show:
 
 COLUMNS, GAP, LETTER, TILE_HEIGHT = 3, 4, 6.7, 18
 """Of a panel; the others are points."""
-COLOURS = {"running": ("#1a7f37", "#ffffff"), "paused": ("#ddf4ff", "#0969da"), "stopped": ("#eaeef2", "#59636e")}
+COLOURS = {
+    "running": (LOOKS["ready"].bar, "#ffffff"),
+    "paused": (LOOKS["idle"].box, LOOKS["idle"].edge),
+    "stopped": (LOOKS["stopped"].box, LOOKS["stopped"].edge),
+}
+"""Of a tile and its text."""
 STYLE = """text { font: 11px ui-monospace, Menlo, Consolas, monospace }
 .title { font: bold 14px system-ui, sans-serif; fill: #1f2328 }
 .note { font: 12px system-ui, sans-serif; fill: #59636e }
