@@ -61,6 +61,15 @@ class Lines extends Component {
   }
 }
 
+/** Places with the boxes of before where these have not moved, so that they are not drawn again. */
+function settled(before, now) {
+  for (const [name, box] of Object.entries(now.boxes)) {
+    const old = before?.boxes[name];
+    if (old && ["x", "y", "width", "height"].every((key) => old[key] === box[key])) now.boxes[name] = old;
+  }
+  return now;
+}
+
 /** Boxes and lines of a graph, placed by a worker; null until they are. */
 function usePlaces(nodes, edges) {
   const [places, setPlaces] = useState(null);
@@ -68,7 +77,7 @@ function usePlaces(nodes, edges) {
   const asked = useRef(0);
   useEffect(() => {
     worker.current = new Worker("/page/layout.js");
-    worker.current.onmessage = ({ data }) => data.number === asked.current && setPlaces(data);
+    worker.current.onmessage = ({ data }) => data.number === asked.current && setPlaces((before) => settled(before, data));
     return () => worker.current.terminate();
   }, []);
   useEffect(() => {
@@ -110,6 +119,13 @@ export function Graph({ open }) {
   const places = usePlaces(shown.nodes, shown.edges);
   const chain = useMemo(() => (lit ? chainOf(lit, shown.edges) : null), [lit, shown]);
   const count = useGradually(shown.nodes.length, 15);
+  // Of 300 services few change in a second: the others are not even compared.
+  const moods = shown.nodes.map((name) => mood(services[name]));
+  const nodes = useMemo(
+    () => shown.nodes.slice(0, count).map((name, index) => places?.boxes[name] && html`<${Node} key=${name} name=${name}
+      box=${places.boxes[name]} state=${moods[index]} lit=${chain?.has(name) ? "lit" : ""} open=${open} light=${setLit} />`),
+    [shown, places, chain, count, moods.join()],
+  );
   if (!status) return html`<p class="quiet">Waiting for the robot.</p>`;
   // Without a scale that somebody chose, the whole width fits as long as it can be read.
   const shrunk = scale || (places?.width ? Math.min(1, Math.max(SMALLEST, room / places.width)) : 1);
@@ -125,8 +141,7 @@ export function Graph({ open }) {
           viewBox="0 0 ${places.width || 1} ${places.height || 1}" class=${chain ? "dimmed" : ""} role="group"
           aria-label="Graph of needs and requests">
         <${Lines} lines=${places.lines} chain=${chain} requested=${shown.requested} />
-        ${shown.nodes.slice(0, count).map((name) => places.boxes[name] && html`<${Node} key=${name} name=${name} box=${places.boxes[name]}
-          state=${mood(services[name])} lit=${chain?.has(name) ? "lit" : ""} open=${open} light=${setLit} />`)}
+        ${nodes}
       </svg>`}
     </div>
   </figure>`;
