@@ -205,4 +205,4 @@ def test_that_it_is_down_is_noted_last(tmp_path):
     state.requests.rmdir()
     state.requests.write_text(text)
     clear(state, 0.0)
-    assert stays_down(state, restarted=True) .startswith("1970-01-01T00:00:00")
+    assert stays_down(state, restarted=True).startswith("1970-01-01T00:00:00")

@@ -221,6 +221,8 @@ def test_what_was_is_there_over_time(robot, watched):
     wait_for(lambda: gap() > first + 8, 20, "the time since its release to grow")
     watched.page.click("button:text-is('5 min')")
     watched.page.wait_for_selector('.lane svg[aria-label^="tour exited"]')
+    for name in TOUR:
+        watched.page.wait_for_selector(f'.lane:has(button:text-is("{name}")) .bar')
     bars = watched.page.locator('.lane:has(button:text-is("tour")) .bar')
     assert "ready" in {bars.nth(n).get_attribute("class").split()[-1] for n in range(bars.count())}
     database = Database(robot.state / "journal.db", lambda: "")

@@ -64,8 +64,9 @@ function useSpans(names, since, turn) {
         const name = due.shift();
         try {
           const told = await call("GET", `/v1/timeline/${encode(name)}?since=${encode(new Date(since).toISOString())}`);
+          // Also if others are asked for meanwhile: what is known is shown.
           known.current[name] = key[names.indexOf(name)] + since;
-          if (current) setSpans((before) => ({ ...before, [name]: told.spans }));
+          setSpans((before) => ({ ...before, [name]: told.spans }));
         } catch {
           return; // the frame of the page says that rorg does not answer
         }
