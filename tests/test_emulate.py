@@ -144,7 +144,7 @@ def test_what_is_interrupted_leaves_nothing_but_what_is_saved(tmp_path, files, n
     [
         (["--compress", "24"], "it takes 1 s when compressed, less than 2 s; try a smaller --compress"),
         (["--save", "nowhere/x.json"], "cannot write nowhere/x.json: No such file or directory"),
-        (["--plot", "x.pdf"], "cannot draw x.pdf: '.pdf' is not a supported format; try .png or .svg"),
+        (["--plot", "x.pdf"], "cannot draw x.pdf: '.pdf' is not a supported format; try .svg, .png or .html"),
         (["--engine", "kubernetes"], "kubernetes"),
         (["-o", "yml"], "--output cannot be 'yml'"),
     ],

@@ -47,7 +47,7 @@ Scale = Annotated[
 Save = Annotated[Path | None, Option("Write all measurements to this file, as JSON, after each run.", completes=FILES)]
 Plot = Annotated[
     Path | None,
-    Option("Plot CPU, memory and the activity of the robot in the first pair to a .png or .svg.", completes=FILES),
+    Option("Plot CPU, memory and activity of the first pair to a .svg, .png or .html.", completes=FILES),
 ]
 
 

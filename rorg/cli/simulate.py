@@ -38,7 +38,7 @@ Learn = Annotated[
 ]
 Plot = Annotated[
     Path | None,
-    Option("Plot CPU, memory and the activity of the robot over time to a .png or .svg.", completes=FILES),
+    Option("Plot CPU, memory and the activity of the robot over time to a .svg, .png or .html.", completes=FILES),
 ]
 Compare = Annotated[
     list[str],

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FORMATS = (".svg", ".png", ".html")
+REMEDY = f"{', '.join(FORMATS[:-1])} or {FORMATS[-1]}"
 PAGE = (
     '<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{title}</title>'
     "<style>body {{ margin: 1rem; background: #fff }} svg {{ max-width: 100%; height: auto }}</style></head>\n"
@@ -26,7 +27,7 @@ PAGE = (
 def check_format(path: Path) -> None:
     """Raises Invalid if the name of a picture does not end in one of FORMATS."""
     if path.suffix not in FORMATS:
-        raise Invalid(f"draw {path}", f"'{path.suffix}' is not a supported format", ", ".join(FORMATS))
+        raise Invalid(f"draw {path}", f"'{path.suffix}' is not a supported format", REMEDY)
 
 
 def check_drawing(path: Path) -> None:
