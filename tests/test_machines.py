@@ -69,9 +69,13 @@ def test_a_request_reaches_the_other_computer_and_its_release_too(team):
     done = base.rorg("logs", "camera")
     assert "camera belongs to the machine jetson; try `--on jetson`" in done.stderr
     base.client.release("t1")
-    wait_for(lambda: jetson.state("camera") != "running", 20, "the camera to stop")
-    order = [e["service"] for e in jetson.events("state") if e["state"] not in ("ready", "running", "created")]
-    assert order == ["localization", "camera"], "dependants first"
+
+    def ended() -> list[str]:
+        """By the journal, which follows the state."""
+        return [e["service"] for e in jetson.events("state") if e["state"] not in ("ready", "running", "created")]
+
+    wait_for(lambda: jetson.state("camera") != "running" and len(ended()) == 2, 20, "the camera to stop")
+    assert ended() == ["localization", "camera"], "dependants first"
 
 
 def test_one_computer_shows_what_the_other_one_knows(team):
