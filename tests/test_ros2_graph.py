@@ -197,7 +197,9 @@ def test_pausing_minds_the_graph_of_ros_2(robot, ros2: Ros2, tmp_path):
     robot.wait(lambda: connected(robot, ros2))
     robot.release("both")
     robot.wait(lambda: robot.states()["careless"] == "paused" and robot.states()["mindful"] == "exited")
-    assert any("stop instead of pause: connected to server by /server/chatter" in line for line in robot.lines)
+    # The line follows the state: it is written when the call has returned.
+    told = "stop instead of pause: connected to server by /server/chatter"
+    robot.wait(lambda: any(told in line for line in robot.lines))
 
 
 def connected(robot: RealRobot, ros2: Ros2) -> bool:
