@@ -355,6 +355,18 @@ def test_a_read_only_page_changes_nothing_whatever_it_sends(robot, chromium):
         ui.close()
 
 
+def test_requests_that_are_held_are_told_once_and_those_that_are_gone_end(watched):
+    def record(at: int, id: str, *services: str) -> dict[str, object]:
+        return {"at": f"T{at}", "requester": "guide", "id": id, "services": list(services)}
+
+    before = [record(1, "held", "arm"), record(2, "gone", "camera"), record(3, "over", "map"), record(4, "over")]
+    told = {"begin": "T5", "requests": [record(5, "held", "arm"), record(5, "late", "map"), record(6, "held")]}
+    script = "async told => (await import('/page/lanes.js')).continued(...told)"
+    after = watched.page.evaluate(script, [before, told])
+    assert after[:4] == before
+    assert after[4:] == [record(5, "gone"), record(5, "late", "map"), record(6, "held")]
+
+
 def test_hostile_text_stays_text(robot, watched):
     """In a reason, a log line, a description and the message of a commit."""
     spec = {"image": "x", "command": ["sh", "-c", f"echo '{HOSTILE}'; exec sleep 1000"]}

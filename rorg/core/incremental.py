@@ -167,9 +167,9 @@ def _changed_progress(before: Situation, now: Situation) -> set[str]:
 
 
 def _changed_wants(before: Situation, now: Situation) -> set[str]:
-    """Return the services that are wanted otherwise than before: whether, why, how urgently or with what priority. With
-    a service come all that are wanted because of it, since the chain of reasons leads through it. In a ROS graph, the
-    unwanted ones are included: one is not paused while it is connected to a wanted one."""
+    """Return the services for which it has changed whether, why, how urgently or with what priority they are wanted.
+    The chain of reasons leads through a service to those that are wanted because of it, so they are included. So are
+    the unwanted ones of a ROS graph: a service is not paused while it is connected to a wanted one."""
     if before.wanted is now.wanted and before.prewarmed == now.prewarmed:
         return set()
     names = differing(before.wanted, now.wanted) | differing(before.priorities, now.priorities)

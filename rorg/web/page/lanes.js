@@ -81,6 +81,23 @@ function useSpans(names, since, turn) {
   return spans;
 }
 
+/** Records with those of the time after them. These begin with all requests that are held: of them only what is new is
+ * added, and what is missing was released a moment before its record was written. */
+export function continued(before, told) {
+  const key = ({ requester, id, services }) => `${requester} ${id} ${services.join()}`;
+  const open = new Map();
+  for (const record of before) {
+    const who = `${record.requester} ${record.id}`;
+    if (record.services.length) open.set(who, record);
+    else open.delete(who);
+  }
+  const known = new Set([...open.values()].map(key));
+  const held = new Set(told.requests.filter((record) => record.at === told.begin).map(key));
+  const released = [...open.values()].filter((record) => !held.has(key(record)));
+  const ended = released.map((record) => ({ ...record, at: told.begin, services: [] }));
+  return [...before, ...ended, ...told.requests.filter((record) => record.at !== told.begin || !known.has(key(record)))];
+}
+
 /** What was requested since some time. What is known is kept, and only what is new is asked for. */
 function useRequested(since, turn) {
   const [requests, setRequests] = useState([]);
@@ -93,7 +110,7 @@ function useRequested(since, turn) {
       (told) => {
         if (!current) return;
         known.current = { since: anew ? since : known.current.since, end: ms(told.end) };
-        setRequests((before) => [...(anew ? [] : before), ...told.requests].slice(-RECORDS));
+        setRequests((before) => (anew ? told.requests : continued(before, told)).slice(-RECORDS));
       },
       () => {},
     );
