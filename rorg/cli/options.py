@@ -194,3 +194,10 @@ For = Annotated[
 ]
 End = Annotated[bool, Option("End it now.", names=("--end",))]
 Reason = Annotated[str, Option("Why; shown wherever rorg lists this.", names=("--reason",))]
+Since = Annotated[str | None, Option("Start: 10m (ago), or 2026-01-31T12:00:00Z. Default: 24h.", parser=moment)]
+Until = Annotated[str | None, Option("End. Default: now.", parser=moment)]
+
+
+def period(since: str | None, until: str | None) -> tuple[str, str]:
+    """The times of Since and Until: by default the last day. ISO 8601 in UTC."""
+    return since or moment("24h"), until or moment("0s")

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from rorg.cli.options import FILES, SERVICES, Argument, Option, Robot, moment
+from rorg.cli.options import FILES, SERVICES, Argument, Option, Robot, Since, Until, period
 from rorg.cli.output import missing, note
 from rorg.cli.records import Kept, Served, records_of
 from rorg.errors import Missing
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from rorg.plots.timeline import Story
 
 KINDS = ("usage", "timeline", "graph")
-DAY, NOW = "24h", "0s"
 MOST = 60
 """Lanes in one picture."""
 
@@ -29,10 +28,8 @@ def command(
         list[str] | None, Argument("Only these services. Default: all that ran.", completes=SERVICES)
     ] = None,
     *,
-    since: Annotated[
-        str | None, Option("Start: 10m (ago), or 2026-01-31T12:00:00Z. Default: 24h.", parser=moment)
-    ] = None,
-    until: Annotated[str | None, Option("End. Default: now.", parser=moment)] = None,
+    since: Since = None,
+    until: Until = None,
     file: Annotated[
         Path | None,
         Option(
@@ -60,7 +57,7 @@ def command(
         _graph(context, services or (), path)
     else:
         draw = _usage if what == "usage" else _timeline
-        draw(context, services or (), since or moment(DAY), until or moment(NOW), path)
+        draw(context, services or (), *period(since, until), path)
     note(f"wrote {path}")
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Annotated, Any
 
-from rorg.cli.options import SERVICES, Argument, Option, Output, Robot, moment
+from rorg.cli.options import SERVICES, Argument, Option, Output, Robot, Since, Until, period
 from rorg.cli.output import echo, print_rows
 from rorg.cli.records import records_of
 from rorg.cli.terminal import printable
@@ -14,7 +14,6 @@ from rorg.model.units import format_seconds, parse_time
 
 STATES = ("ready", "running", "restarting", "paused", "created", "exited", "removing", "dead", "none")
 """From the top of the chart down."""
-DAY, NOW = "24h", "0s"
 LEAST = 20
 """Characters of a bar."""
 
@@ -22,10 +21,8 @@ LEAST = 20
 def command(
     context: Robot,
     service: Annotated[str, Argument("A service, also one that no longer exists.", completes=SERVICES)],
-    since: Annotated[
-        str | None, Option("Start: 10m (ago), or 2026-01-31T12:00:00Z. Default: 24h.", parser=moment)
-    ] = None,
-    until: Annotated[str | None, Option("End. Default: now.", parser=moment)] = None,
+    since: Since = None,
+    until: Until = None,
     tail: Annotated[
         int, Option("How many of the last states to list below the chart.", names=("-n", "--tail"), least=0)
     ] = 20,
@@ -35,7 +32,7 @@ def command(
 
     Example: rorg timeline navigation --since 1h
     """
-    begin, end = since or moment(DAY), until or moment(NOW)
+    begin, end = period(since, until)
     with records_of(context) as records:
         timeline = records.timeline(service, begin, end)
     if not timeline["spans"]:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from rorg.cli.context import Context
-from rorg.cli.options import FILES, Argument, Option, Output, Robot, duration, moment
+from rorg.cli.options import FILES, Argument, Option, Output, Robot, duration, moment, period
 from rorg.cli.output import disk_errors, echo, note, print_rows
 from rorg.cli.records import records_of
 from rorg.errors import Invalid
@@ -62,7 +62,7 @@ def command(
     if trace is not None:
         _show(trace, output)
     elif action == "record":
-        _write(_recorded(since or moment("24h"), until or moment("0s"), _name(file, "recorded"), context), file)
+        _write(_recorded(*period(since, until), _name(file, "recorded"), context), file)
     else:
         _write(_generated(length, greetings, tours, seed, _name(file, "tour-guide")), file)
 
