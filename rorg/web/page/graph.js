@@ -48,14 +48,14 @@ function pathOf(points) {
 /** All lines of one kind in one path: a robot has hundreds. */
 class Lines extends Component {
   shouldComponentUpdate(next) {
-    return next.lines !== this.props.lines || next.chain !== this.props.chain || next.requested !== this.props.requested;
+    return next.lines !== this.props.lines || next.chain !== this.props.chain || next.live !== this.props.live;
   }
 
-  render({ lines, chain, requested }) {
+  render({ lines, chain, live }) {
     const kinds = { needs: "", requests: "", "needs lit": "", "requests lit": "" };
     for (const { from, to, points } of lines) {
-      const kind = requested.has(`${from} ${to}`) ? "requests" : "needs";
-      kinds[chain?.has(from) && chain.has(to) ? `${kind} lit` : kind] += pathOf(points);
+      const kind = live.get(`${from} ${to}`);
+      if (kind) kinds[chain?.has(from) && chain.has(to) ? `${kind} lit` : kind] += pathOf(points);
     }
     return html`<g>${Object.entries(kinds).map(([kind, path]) => html`<path key=${kind} class=${kind} d=${path} />`)}</g>`;
   }
@@ -70,14 +70,21 @@ function settled(before, now) {
   return now;
 }
 
+/** The last places, for when the graph is shown again. */
+let lastPlaces = null;
+
 /** Boxes and lines of a graph, placed by a worker; null until they are. */
 function usePlaces(nodes, edges) {
-  const [places, setPlaces] = useState(null);
+  const [places, setPlaces] = useState(lastPlaces);
   const worker = useRef(null);
   const asked = useRef(0);
   useEffect(() => {
     worker.current = new Worker("/page/layout.js");
-    worker.current.onmessage = ({ data }) => data.number === asked.current && setPlaces((before) => settled(before, data));
+    worker.current.onmessage = ({ data }) => {
+      if (data.number !== asked.current) return;
+      lastPlaces = settled(lastPlaces, data);
+      setPlaces(lastPlaces);
+    };
     return () => worker.current.terminate();
   }, []);
   useEffect(() => {
@@ -85,6 +92,21 @@ function usePlaces(nodes, edges) {
     worker.current.postMessage({ nodes, edges, number: asked.current });
   }, [nodes, edges]);
   return places;
+}
+
+/** All edges of this page's time: who requested once keeps a place, so that no box moves when a request comes or goes. */
+function useRemembered(graph) {
+  const memory = useRef({ services: "", edges: [] });
+  return useMemo(() => {
+    const services = graph.services.join();
+    const before = memory.current.services === services ? memory.current.edges : [];
+    const known = new Set(before.map((edge) => edge.join()));
+    const added = graph.edges.filter((edge) => edge.kind !== "uses").map((edge) => [edge.from, edge.to]);
+    const fresh = added.filter((edge) => !known.has(edge.join()));
+    const edges = fresh.length ? [...before, ...new Map(fresh.map((edge) => [edge.join(), edge])).values()] : before;
+    memory.current = { services, edges };
+    return edges;
+  }, [graph]);
 }
 
 /** The width that there is for an element. */
@@ -106,23 +128,24 @@ export function Graph({ open }) {
   const [all, setAll] = useState(true);
   const [scale, setScale] = useState(0);
   const [place, room] = useRoom();
+  const remembered = useRemembered(graph);
+  const live = useMemo(() => new Map(graph.edges.map((edge) => [`${edge.from} ${edge.to}`, edge.kind])), [graph]);
   const shown = useMemo(() => {
-    const edges = graph.edges.filter((edge) => edge.kind !== "uses");
-    const used = new Set(edges.flatMap((edge) => [edge.from, edge.to]));
+    const used = new Set(remembered.flat());
     const nodes = graph.services.filter((name) => services[name]?.state !== "meta" || used.has(name));
     const kept = all ? nodes : nodes.filter((name) => services[name]?.wanted);
     const names = new Set(kept);
-    const live = edges.filter((edge) => names.has(edge.from) && names.has(edge.to));
-    const requested = new Set(live.filter((edge) => edge.kind === "requests").map((edge) => `${edge.from} ${edge.to}`));
-    return { nodes: kept, edges: live.map((edge) => [edge.from, edge.to]), requested };
-  }, [graph, all, Object.keys(services).length, all ? "" : Object.values(services).filter((s) => s.wanted).map((s) => s.service).join()]);
+    return { nodes: kept, edges: remembered.filter(([from, to]) => names.has(from) && names.has(to)) };
+  }, [remembered, all, Object.keys(services).length, all ? "" : Object.values(services).filter((s) => s.wanted).map((s) => s.service).join()]);
   const places = usePlaces(shown.nodes, shown.edges);
-  const chain = useMemo(() => (lit ? chainOf(lit, shown.edges) : null), [lit, shown]);
-  const count = useGradually(shown.nodes.length, 15);
+  const now = useMemo(() => shown.edges.filter((edge) => live.has(edge.join(" "))), [shown, live]);
+  const chain = useMemo(() => (lit ? chainOf(lit, now) : null), [lit, now]);
+  const count = useGradually(places ? shown.nodes.length : 0, 15);
   // Of 300 services few change in a second: the others are not even compared.
-  const moods = shown.nodes.map((name) => mood(services[name]));
+  const asking = useMemo(() => new Set(now.map(([from]) => from)), [now]);
+  const moods = shown.nodes.map((name) => mood(services[name])).map((one, n) => (one !== "meta" || asking.has(shown.nodes[n]) ? one : ""));
   const nodes = useMemo(
-    () => shown.nodes.slice(0, count).map((name, index) => places?.boxes[name] && html`<${Node} key=${name} name=${name}
+    () => shown.nodes.slice(0, count).map((name, index) => moods[index] && places?.boxes[name] && html`<${Node} key=${name} name=${name}
       box=${places.boxes[name]} state=${moods[index]} lit=${chain?.has(name) ? "lit" : ""} open=${open} light=${setLit} />`),
     [shown, places, chain, count, moods.join()],
   );
@@ -137,12 +160,12 @@ export function Graph({ open }) {
         <button onClick=${zoom(1.25)} aria-label="Larger">+</button> <button onClick=${() => setScale(0)}>Fit</button></span>
     </figcaption>
     <div class="scroll" tabindex="0" role="region" aria-label="Graph of services">
-      ${places && html`<svg width=${places.width * shrunk} height=${places.height * shrunk}
-          viewBox="0 0 ${places.width || 1} ${places.height || 1}" class=${chain ? "dimmed" : ""} role="group"
-          aria-label="Graph of needs and requests">
-        <${Lines} lines=${places.lines} chain=${chain} requested=${shown.requested} />
-        ${nodes}
-      </svg>`}
+      ${places && html`<div class="sheet" style=${{ width: `${places.width * shrunk}px`, height: `${places.height * shrunk}px` }}>
+        <svg width=${places.width || 1} height=${places.height || 1} style=${{ transform: `scale(${shrunk})` }}
+          class=${chain ? "dimmed" : ""} role="group" aria-label="Graph of needs and requests">
+          <${Lines} lines=${places.lines} chain=${chain} live=${live} />
+          ${nodes}
+        </svg></div>`}
     </div>
   </figure>`;
 }
