@@ -1,4 +1,4 @@
-"""A `rorg run` of its own on the process engine, seen from outside: started, ended, killed, started again."""
+"""A `rorg run` of its own, on processes or on Docker, seen from outside: started, ended, killed, started again."""
 
 from __future__ import annotations
 
@@ -19,8 +19,12 @@ from rorg.store.state_dir import StateDir
 
 
 class RorgProcess:
-    def __init__(self, folder: Path, services: dict[str, dict], *options: str, **kinds: dict[str, dict]) -> None:
+    def __init__(
+        self, folder: Path, services: dict[str, dict], *options: str, docker: str = "", **kinds: dict[str, dict]
+    ) -> None:
+        """`docker`: the address of a Docker engine, in place of processes."""
         self.folder, self.tree, self.options = folder, write_tree(folder / "tree", services, **kinds), options
+        self.engine, self.docker = "docker" if docker else "process", docker
         self.state = folder / "state"
         self.manifests = [str(self.tree)]
         """What it is told to run."""
@@ -34,7 +38,9 @@ class RorgProcess:
 
     def start(self, **more: Any) -> RorgProcess:
         """`more`: what its process begins with."""
-        words = ["run", *self.manifests, "--state-dir", str(self.state), "--engine", "process", *self.options]
+        words = ["run", *self.manifests, "--state-dir", str(self.state), "--engine", self.engine, *self.options]
+        if self.docker:
+            more = {"env": {**os.environ, "DOCKER_HOST": self.docker}, **more}
         with (self.folder / "rorg.log").open("ab") as log:
             if more:
                 self.process = subprocess.Popen([sys.executable, "-m", "rorg", *words], stderr=log, stdout=log, **more)
@@ -61,7 +67,9 @@ class RorgProcess:
     def close(self) -> None:
         self.closed = True
         self.stop(kill=True)
-        engine = make_engine("process", StateDir(self.state))
+        if self.docker:
+            os.environ["DOCKER_HOST"] = self.docker
+        engine = make_engine(self.engine, StateDir(self.state))
         for container in engine.list():
             if container.alive:
                 engine.stop(container.id, "SIGKILL", 5.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import random
+import resource
 import threading
 import time
 
@@ -12,6 +13,10 @@ from conftest import wait_for
 from robots import write_tree
 
 from rorg.client import Client, Error, NotFound
+from rorg.core.masking import Masker
+from rorg.daemon.leases import Leases
+from rorg.daemon.recorder import Recorder
+from rorg.errors import Unreachable
 from rorg.model.catalog import Request
 from rorg.store.committer import Committer
 from rorg.store.requests_file import RequestsFile
@@ -138,4 +143,35 @@ def test_a_caller_that_gives_up_waiting_stops_no_other_change(tmp_path):
     committer.start()
     assert later.result(10) == 1
     assert {r.id for r in file.document.requests} == {"first", "next"}
+    committer.stop()
+
+
+def test_a_request_is_acted_on_while_it_is_written_and_forgotten_if_it_cannot_be(tmp_path):
+    state, seen = StateDir(tmp_path).prepare(), []
+    leases = Leases(state.requests, Recorder(state, print, lambda: "2026-01-01T00:00:00Z", Masker()))
+    file = RequestsFile(state.requests)
+
+    def changed(_: bool) -> int:
+        leases.read()
+        seen.append(({r.id for r in leases.document().requests}, state.requests.exists()))
+        return len(seen)
+
+    committer = Committer(file, changed)
+    leases.committed = file
+    committer.start()
+
+    def put(id: str):
+        return committer.submit(lambda asked: asked.put(Request(id, "developer", ("arm",))), ahead=True)
+
+    assert put("kept").result(10) == 1
+    assert seen == [({"kept"}, False)]
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, limits[1]))  # no file may grow
+    try:
+        assert isinstance(put("lost").exception(10), Unreachable)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert seen[1:] == [({"kept", "lost"}, True), ({"kept"}, True)]
+    assert put("next").result(10) == 4
+    assert {r.id for r in leases.document().requests} == {"kept", "next"}
     committer.stop()

@@ -57,6 +57,32 @@ def ids(robot) -> set[str]:
     return {r["id"] for r in robot.client().requests()}
 
 
+# -- a request that waits for its answer ------------------------------------------------------------------------
+
+
+def test_a_request_is_kept_while_its_answer_waits_and_released_without_one(robot):
+    began, asked = time.monotonic(), []
+    caller = threading.Thread(target=lambda: asked.append(robot.client().request("slow", id="long", ttl=0.6, wait=30)))
+    caller.start()
+    with pytest.raises(NotReady), robot.client().request("never", id="hopeless", ttl=0.6, wait=3):
+        raise AssertionError("it is never ready")
+    assert time.monotonic() - began >= 3
+    assert "hopeless" not in ids(robot)
+    caller.join(30)
+    assert "long" in ids(robot)
+    asked[0].release()
+    texts = [e["message"] for e in robot.client().events(tail=200)]
+    assert not [t for t in texts if "ran out" in t or "expired" in t]
+
+
+def test_a_refused_request_leaves_the_earlier_one_of_its_id(robot):
+    with robot.client().request("camera", id="mine", wait=20):
+        with pytest.raises(Error):
+            robot.client().request("no-such-service", id="mine", wait=20)
+        assert ids(robot) >= {"mine"}
+    assert not [t for t in threading.enumerate() if t.name == "rorg-mine" and t.is_alive()]
+
+
 # -- asyncio ---------------------------------------------------------------------------------------------------
 
 

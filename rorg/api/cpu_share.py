@@ -83,9 +83,10 @@ def in_threads(path: str) -> bool:
 
 def _price(scope: Any) -> float:
     """CPU seconds that a call costs elsewhere: renewals stay in memory, every other change is written to the disk."""
+    waits = scope["path"] == "/v1/wait" or b"wait=" in scope["query_string"]
     if scope["method"] == "GET":
-        return limits.WAIT if scope["path"] == "/v1/wait" else 0.0
-    return 0.0 if scope["path"].endswith("/renew") else limits.CHANGE
+        return limits.WAIT if waits else 0.0
+    return 0.0 if scope["path"].endswith("/renew") else limits.CHANGE + waits * limits.WAIT
 
 
 def _length(scope: Any) -> int:

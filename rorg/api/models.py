@@ -8,6 +8,14 @@ from typing import Any, Literal
 from pydantic import BaseModel, Field
 
 
+class Ready(BaseModel):
+    """Whether one service is ready."""
+
+    ready: bool
+    incarnation: str = Field(description="The run that is meant; empty if nothing runs.")
+    reason: str = Field(description="Why it is not ready.")
+
+
 class RequestView(BaseModel):
     """A request that counts."""
 
@@ -21,6 +29,7 @@ class RequestView(BaseModel):
     standing: bool = False
     expires_in: float | None = Field(default=None, description="Seconds left of the lease.")
     generation: int | None = Field(default=None, description="Of the change.")
+    readiness: dict[str, Ready] | None = Field(default=None, description="Of a call that waited for it.")
 
 
 class ConditionView(BaseModel):
@@ -154,14 +163,6 @@ class Held(BaseModel):
 
     services: list[str]
     generation: int | None = Field(default=None, description="Of this change.")
-
-
-class Ready(BaseModel):
-    """Whether one service is ready."""
-
-    ready: bool
-    incarnation: str = Field(description="The run that is meant; empty if nothing runs.")
-    reason: str = Field(description="Why it is not ready.")
 
 
 class WaitResult(BaseModel):

@@ -46,6 +46,7 @@ class Operations:
         self.next_pass: Callable[[], asyncio.Event] = asyncio.Event
         """An event that is set after the next pass of the loop; the server provides it."""
         self.committer = Committer(RequestsFile(loop.leases.file.path), self.changed)
+        loop.leases.committed = self.committer.file
         self.ending = False
         """rorg is stopping: every call gets "busy", and nothing is accepted."""
         self._cached: tuple[Decision | None, Mapping[str, Status], dict[str, bytes]] = (None, {}, {})
@@ -67,7 +68,7 @@ class Operations:
         return decision
 
     def changed(self, news: bool = True, manifest: bool = False) -> int:
-        """The generation of a change that is on the disk now; without `news`, of the last one."""
+        """The generation of a change that every reader sees now; without `news`, of the last one."""
         generations = self._loop.generations
         generation = generations.changed(manifest) if news else generations.latest
         self._loop.wake()
@@ -233,7 +234,7 @@ class Operations:
             self._loop.leases.note(request.key)
             return after
 
-        return self.change(caller, replace(change, edit=edit))
+        return self.change(caller, replace(change, edit=edit), ahead=True)
 
     def renew(self, caller: Caller, key: tuple[str, str]) -> dict[str, Any]:
         """Renews a lease for its full time, in memory only: a restart of rorg renews all leases. A service's lease ends
@@ -263,8 +264,9 @@ class Operations:
         known = "Group" if former is not None and isinstance(former.what, Group) else "Service"
         return kind == known and name in decision.situation.withheld
 
-    def change(self, caller: Caller, change: Change) -> Future[int]:
-        """Applies a change of the requests file. The future is done, with its generation, when it is on the disk."""
+    def change(self, caller: Caller, change: Change, ahead: bool = False) -> Future[int]:
+        """Applies a change of the requests file. The future is done, with its generation, when it is on the disk.
+        `ahead`: the loop may act on it before."""
         changed: list[bool] = []
 
         def note(document: RequestsDocument) -> RequestsDocument:
@@ -278,6 +280,6 @@ class Operations:
                 text = f"{change.message} (by {caller.author})"
                 self.recorder.event(change.kind, text, caller.person, author=caller.author, **change.about)
 
-        future = self.committer.submit(note, caller.identity)
+        future = self.committer.submit(note, caller.identity, ahead)
         future.add_done_callback(told)
         return future

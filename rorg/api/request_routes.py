@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from typing import Annotated
+from collections.abc import Iterable
+from typing import Annotated, Any
 
 from fastapi import FastAPI, Query, Request
 from fastapi.responses import JSONResponse, Response
@@ -28,26 +29,9 @@ the loop to act on the caller's last change."""
 
 def add_requesting(app: FastAPI, operations: Operations) -> None:
     """Adds the routes."""
+    _add_put(app, operations)
     _add_wait(app, operations)
     request = [needs("request")]
-
-    @app.put("/v1/requests/{id}", dependencies=request, response_model=RequestView)
-    async def put(id: Id, body: PutRequest, caller: Who, requester: Requester = None) -> Response:
-        """Request services, in place of an earlier request with the same id. It is on the disk when answered."""
-        ask = request_of(id, requester or caller.requester, body)
-        # A program may ask so soon after its start that the loop has not seen it run.
-        await until(operations, lambda: caller.kind != "service" or operations.current.runs(caller.service), SEEN)
-        return accepted(
-            await asyncio.wrap_future(operations.put_request(caller, ask)),
-            {
-                "id": id,
-                "requester": ask.requester,
-                "services": list(ask.services),
-                "reason": ask.reason,
-                "priority": ask.priority,
-                "ttl": ask.ttl,
-            },
-        )
 
     @app.post("/v1/requests/{id}/renew", dependencies=request, response_model=RequestView)
     async def renew(id: Id, caller: Who, requester: Requester = None) -> Response:
@@ -63,6 +47,36 @@ def add_requesting(app: FastAPI, operations: Operations) -> None:
         return await applied(operations, caller, releasing(key, None if force else operations.current))
 
 
+def _add_put(app: FastAPI, operations: Operations) -> None:
+    @app.put("/v1/requests/{id}", dependencies=[needs("request")], response_model=RequestView)
+    async def put(
+        request: Request,
+        id: Id,
+        body: PutRequest,
+        caller: Who,
+        requester: Requester = None,
+        wait: Annotated[float | None, Query(ge=0, le=3600, description="Longest time until they are ready.")] = None,
+    ) -> Response:
+        """Request services, in place of an earlier request with the same id. It is on the disk when answered. With
+        `wait`, the answer comes when they are ready, as that of /v1/wait; if they are not, it has the reason, and the
+        request stands."""
+        ask = request_of(id, requester or caller.requester, body)
+        # A program may ask so soon after its start that the loop has not seen it run.
+        await until(operations, lambda: caller.kind != "service" or operations.current.runs(caller.service), SEEN)
+        generation = await asyncio.wrap_future(operations.put_request(caller, ask))
+        ready = None if wait is None else await _readiness(operations, request, ask.services, wait)
+        told = {
+            "id": id,
+            "requester": ask.requester,
+            "services": list(ask.services),
+            "reason": ask.reason,
+            "priority": ask.priority,
+            "ttl": ask.ttl,
+            **({} if ready is None else {"readiness": ready}),
+        }
+        return accepted(generation, told)
+
+
 def _add_wait(app: FastAPI, operations: Operations) -> None:
     @app.get("/v1/wait", dependencies=[needs("read")], response_model=WaitResult)
     async def wait(
@@ -74,13 +88,20 @@ def _add_wait(app: FastAPI, operations: Operations) -> None:
         the question was asked, and nothing under way that ends this run. If they do not become ready, the answer has
         the reason. With a timeout of 0, the last answer of a probe counts if it is younger than the probe's interval;
         otherwise the probe is asked once. Every change that was accepted before the question counts."""
-        names = tuple(dict.fromkeys(m for s in services for m in operations.current.members(s)))
-        with operations.question(names, waits=timeout > 0) as question:
-            hangup = asyncio.ensure_future(gone(request.receive))
-            try:
-                return await _ready(operations, question, timeout, request, hangup)
-            finally:
-                hangup.cancel()
+        return JSONResponse({"ready": True, "services": await _readiness(operations, request, services, timeout)})
+
+
+async def _readiness(
+    operations: Operations, request: Request, services: Iterable[str], timeout: float
+) -> dict[str, Any]:
+    """The readiness of services and all that they need, once they are ready. Raises NotReady."""
+    names = tuple(dict.fromkeys(m for s in services for m in operations.current.members(s)))
+    with operations.question(names, waits=timeout > 0) as question:
+        hangup = asyncio.ensure_future(gone(request.receive))
+        try:
+            return await _ready(operations, question, timeout, request, hangup)
+        finally:
+            hangup.cancel()
 
 
 async def gone(receive: Receive) -> None:
@@ -91,7 +112,7 @@ async def gone(receive: Receive) -> None:
 
 async def _ready(
     operations: Operations, question: Question, timeout: float, request: Request, hangup: asyncio.Future[None]
-) -> Response:
+) -> dict[str, Any]:
     clock = asyncio.get_running_loop().time
     deadline = clock() + (timeout if question.waits else PROMPT)
     while not hangup.done():
@@ -102,7 +123,7 @@ async def _ready(
         services = {name: ready.as_json() for name, ready in readiness.services.items()}
         left = deadline - clock()
         if known and readiness.ready:
-            return JSONResponse({"ready": True, "services": services})
+            return services
         settled = known and (readiness.hopeless if question.waits else not readiness.asking)
         if settled or left <= 0:
             raise NotReady(
@@ -114,4 +135,4 @@ async def _ready(
         news = asyncio.ensure_future(event.wait())
         await asyncio.wait((news, hangup), timeout=left, return_when=asyncio.FIRST_COMPLETED)
         news.cancel()
-    return Response(status_code=400)  # nobody reads it
+    return {}  # nobody reads it

@@ -15,12 +15,12 @@ class Generations:
         self._files: list[int] = []
         """Changes of manifests that the loop has not read yet."""
         self.latest = start
-        """The number of the last change, which is on the disk before it counts here."""
+        """The number of the last change, whose file is in its place before it counts here."""
         self.acted = start - 1
         """All changes up to this one are in the loop's last decision."""
 
     def changed(self, manifest: bool = False) -> int:
-        """Return the number of a change that is on the disk now."""
+        """Return the number of a change whose file is in its place now."""
         with self._lock:
             self.latest += 1
             if manifest:

@@ -30,6 +30,10 @@ class Leases:
 
     def __init__(self, path: Path, recorder: Recorder) -> None:
         self.file, self.recorder = RequestsFile(path), recorder
+        self.committed: RequestsFile | None = None
+        """The file as the API writes it, if there is one: what it has written need not be read."""
+        self._ahead: RequestsDocument | None = None
+        """What it was writing at the last look."""
         self._lock = threading.Lock()
         """Held so that no renewed request is dropped, and none that is being dropped is renewed."""
         self._renewals: dict[Key, int] = {}
@@ -41,14 +45,19 @@ class Leases:
     def read(self) -> None:
         """Read the file if it has changed."""
         try:
+            if self.committed is not None:
+                self._ahead = self.committed.ahead
+                self.file.take(self.committed)
             self.file.read()
             self.file.keep()
         except OSError as error:
             self.recorder.when_new("requests-not-kept", str(error), "requests-not-kept", str(error))
 
     def document(self) -> RequestsDocument:
-        """What counts now: the last good content."""
-        document = self.file.document
+        """What counts now: the last good content, or what is being written if that may be acted on already."""
+        if self._ahead is not None:
+            self.read()  # it is written, or could not be
+        document = self._ahead or self.file.document
         return replace(document, suspended=UNKNOWN) if self.file.diagnostics and not self.file.good else document
 
     def renewals(self) -> dict[Key, int]:

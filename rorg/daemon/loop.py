@@ -40,7 +40,7 @@ from rorg.store.state_dir import StateDir
 SOON = 0.05
 """Seconds until a tree that was being written is read again."""
 HANDOVER = 0.0003
-"""Seconds that the pass sleeps so that a worker can make an urgent call."""
+"""Seconds that the pass sleeps so that a worker can make an urgent call, and callers who wait get their answer."""
 GATHER = 0.005
 """Seconds for which outcomes and events are gathered before a pass, unless a request waits for one."""
 PATIENCE = 3.5
@@ -104,7 +104,7 @@ class Loop:
         self.inputs: Inputs | None = None
         """The inputs that it was made from."""
         self.decided: Callable[[], None] = lambda: None
-        """Called after every pass, for those who wait for something."""
+        """Called after every pass, and as soon as it has decided, for those who wait for something."""
         self.teardown = Teardown()
         self._stopping = False
 
@@ -207,8 +207,10 @@ class Loop:
         self.generations.acted = self.generations.read(upto, not self.wakes.files)
         for action in decision.begin:
             self.workers.begin(action)
-        if any(action.urgent for action in decision.begin):
-            # The rest of this pass can wait. A worker that shares the interpreter with it would begin later.
+        if self.questions:
+            self.decided()
+        if self.questions or any(action.urgent for action in decision.begin):
+            # The rest of this pass can wait. Those who share the interpreter with it would begin later.
             time.sleep(HANDOVER)
         self.prober.watch(decision.to_probe)
         self.observer.look(decision.to_look)

@@ -41,6 +41,7 @@ from rorg.probes.prober import Prober
 from rorg.probes.ros2_exchange import Ros2Exchange
 from rorg.probes.runner import ProbeRunner
 from rorg.store import machine_file
+from rorg.store.requests_file import RequestsFile
 from rorg.store.state_dir import StateDir
 from rorg.store.wakeup import Wakeup
 
@@ -92,17 +93,16 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
     about, stopping = {"pid": os.getpid(), "engine_name": engine.name, "instance": owner}, threading.Event()
     observer = Observer(engine, wakes.wake_soon, lambda: tree.desired.catalog.policy.resync, clock, wakes.wake)
     running = Running(tree, engine, observer, recorder)
-    exchange = Ros2Exchange(clock, wakes.wake)
+    exchange, leases = Ros2Exchange(clock, wakes.wake), Leases(state.requests, recorder)
     asker = ProbeRunner(engine, running.container_of, stopping, recorder.parameters_set, exchange)
     prober = Prober(clock, wakes.wake, asker, stopping)
     sampler = Sampler(Meter(clock), running.sample_every, running.load_matters, running.use, wakes.wake)
     ros, devices = make_ros(state, recorder, exchange, wakes.wake, engine.local), DeviceWatch(wakes.wake)
     usage = _usage_recorder(recorder, running, engine)
-    watcher = Watcher(lambda: [*tree.folders(), state.path], _changed(state, wakes), _own_files(state))
+    watcher = Watcher(lambda: [*tree.folders(), state.path], _changed(leases.file, wakes), _own_files(state))
     images = _image_manager(engine, owner, state, recorder, wakes)
-    maintenance = Maintenance(recorder.history, recorder.event, lambda: _retention(tree), time.time)
     notifier, notified = _notifier(tree, recorder, wakes, notifies), Wakeup(state.path, wakes.requests_changed)
-    bringers = [maintenance, *_bringers(tree.source, images)]
+    bringers = (_maintenance(recorder, tree), *_bringers(tree.source, images))
     return Loop(
         state=state,
         tree=tree,
@@ -113,7 +113,7 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
         running=running,
         ros=ros,
         workers=Workers(observer, recorder, wakes.wake_soon, running, usage.look, nodes=exchange),
-        leases=Leases(state.requests, recorder),
+        leases=leases,
         recorder=recorder,
         publisher=Publisher(state, clock, lambda: {**about, "notify": notifier.view()}, recorder.tell, tree.masker),
         images=images,
@@ -125,6 +125,10 @@ def loop_over(tree: Tree, state: StateDir, engine: Engine, say: Callable[[str], 
         threads=(*bringers, prober, sampler, usage, ros.masters, devices, watcher, notified, notifier, observer),
         owner=owner,
     )
+
+
+def _maintenance(recorder: Recorder, tree: Tree) -> Maintenance:
+    return Maintenance(recorder.history, recorder.event, lambda: _retention(tree), time.time)
 
 
 def _usage_recorder(recorder: Recorder, running: Running, engine: Engine) -> UsageRecorder:
@@ -163,12 +167,16 @@ def _image_manager(
     return ImageManager(engine, supplier, recorder, wakes.wake)
 
 
-def _changed(state: StateDir, wakes: Wakes) -> Callable[[Collection[str]], None]:
-    """What file changes wake. After a request only its file has changed: the tree need not be looked at."""
-    requests = {str(state.requests)}
+def _changed(file: RequestsFile, wakes: Wakes) -> Callable[[Collection[str]], None]:
+    """What file changes wake. After a request only its file has changed: the tree need not be looked at, and nothing if
+    rorg itself has written it."""
+    requests = {str(file.path)}
 
     def changed(paths: Collection[str]) -> None:
-        (wakes.requests_changed if requests.issuperset(paths) and paths else wakes.files_changed)()
+        if not paths or not requests.issuperset(paths):
+            wakes.files_changed()
+        elif not file.known:
+            wakes.requests_changed()
 
     return changed
 

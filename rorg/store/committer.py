@@ -29,7 +29,8 @@ def _told(error: Exception) -> Exception:
     return error
 
 
-Entry = tuple[Edit, Future[int]]
+Entry = tuple[Edit, Future[int], bool]
+"""An edit, its future, and whether the loop may act on it before it is written."""
 
 
 class Turns:
@@ -60,7 +61,12 @@ class Committer:
     """A thread that applies edits, those of each caller in their order."""
 
     def __init__(self, file: RequestsFile, changed: Callable[[bool], int]) -> None:
-        """`changed` is called after every write with whether anything changed, and returns the generation."""
+        """`changed` is called for every write with whether anything changed, and returns the generation, as soon as the
+        loop may act on it. Callers are answered when it is on the disk.
+
+        In between, only a loss of power can take a change back, which ends all that the loop has started too. A change
+        that may go `ahead` is acted on before it is written: if rorg is killed then, nobody has been told that it was
+        accepted, and the next rorg finds a service that nobody requests, and lets it idle again."""
         self.file, self.changed = file, changed
         self._turns, self._news, self._stopped = Turns(), threading.Condition(), False
         self._thread = threading.Thread(target=self._run, name="committer", daemon=True)
@@ -76,7 +82,7 @@ class Committer:
         if self._thread.is_alive():
             self._thread.join(PATIENCE)
 
-    def submit(self, edit: Edit, caller: str = "") -> Future[int]:
+    def submit(self, edit: Edit, caller: str = "", ahead: bool = False) -> Future[int]:
         """Return a future of the change's generation, set once the change is on the disk, or of the error that refused
         it. It cannot be cancelled: a submitted change is made even if its caller stops waiting."""
         future: Future[int] = Future()
@@ -85,7 +91,7 @@ class Committer:
             if self._stopped:
                 future.set_exception(Busy("write the requests file", "rorg is being stopped", "again in a moment"))
             else:
-                self._turns.put(caller, (edit, future))
+                self._turns.put(caller, (edit, future, ahead))
                 self._news.notify()
         return future
 
@@ -103,25 +109,28 @@ class Committer:
         refused: dict[int, Exception] = {}
 
         def apply(document: RequestsDocument) -> RequestsDocument:
-            for index, (edit, _) in enumerate(batch):
+            for index, (edit, *_) in enumerate(batch):
                 try:
                     document = edit(document)
                 except Exception as error:
                     refused[index] = error
             return document
 
-        before = self.file.document
+        generations: list[int] = []
         try:
-            after = self.file.change(apply, notify=False)
+            ahead = all(entry[2] for entry in batch)
+            self.file.change(apply, False, lambda: generations.append(self.changed(True)), ahead)
         except Exception as error:
+            if generations:
+                self.changed(True)  # the loop must forget what was not written
             if len(batch) > 1:
                 for entry in batch:  # one broken change must not affect the others
                     self._commit([entry])
                 return
             batch[0][1].set_exception(_told(error))
             return
-        generation = self.changed(after != before)
-        for index, (_, future) in enumerate(batch):
+        generation = generations[0] if generations else self.changed(False)
+        for index, (_, future, _) in enumerate(batch):
             if index in refused:
                 future.set_exception(refused[index])
             else:

@@ -8,7 +8,7 @@ import fcntl
 import os
 import re
 import stat
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from rorg.regular_file import read_regular
@@ -60,10 +60,16 @@ def make_directory(path: Path, mode: int = 0o750) -> None:
 
 
 def write_atomic(
-    path: Path, text: str, durable: bool = True, mode: int = PRIVATE, owner: tuple[int, int] | None = None
+    path: Path,
+    text: str,
+    durable: bool = True,
+    mode: int = PRIVATE,
+    owner: tuple[int, int] | None = None,
+    placed: Callable[[], None] = lambda: None,
 ) -> None:
     """Replace a file in one step. `durable` also waits until the disk has it (file and directory). `owner`: a user and
-    a group, if this process may give files away; by default the file is ours."""
+    a group, if this process may give files away; by default the file is ours. `placed` is called when every process
+    sees the new content, and a kill cannot take it back; a loss of power still can."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}.{os.urandom(4).hex()}")
     descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
     try:
@@ -80,6 +86,7 @@ def write_atomic(
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
+    placed()
     if durable:
         _sync_names(path.parent)
 

@@ -26,6 +26,10 @@ class RequestsFile:
         """The last good content."""
         self.good = False
         """Whether any content has been good yet."""
+        self.written: tuple[RequestsDocument, tuple[int, ...] | None] = self.document, None
+        """What was written here last, with what tells its version from others."""
+        self.ahead: RequestsDocument | None = None
+        """What is being written, while the loop may act on it already."""
         self.diagnostics: list[Diagnostic] = []
         """The errors of the current content; the last good one counts meanwhile."""
 
@@ -41,6 +45,17 @@ class RequestsFile:
         self.good, changed = True, document != self.document
         self.document = document
         return changed
+
+    @property
+    def known(self) -> bool:
+        """Whether the file is as it was when it was last read or written here."""
+        return self._stamp is not None and self._now() == self._stamp
+
+    def take(self, other: RequestsFile) -> None:
+        """Take what `other` has written, so that it need not be read, unless the file has changed since."""
+        document, stamp = other.written
+        if stamp and stamp != self._stamp and stamp == self._now():
+            self.document, self._stamp, self.good, self.diagnostics = document, stamp, True, []
 
     def now(self) -> RequestsDocument:
         """The current content, read again only if someone else has changed the file; the last good content while it is
@@ -73,9 +88,17 @@ class RequestsFile:
             return None
         return stat.st_ino, stat.st_mtime_ns, stat.st_size
 
-    def change(self, edit: Callable[[RequestsDocument], RequestsDocument], notify: bool = True) -> RequestsDocument:
+    def change(
+        self,
+        edit: Callable[[RequestsDocument], RequestsDocument],
+        notify: bool = True,
+        known: Callable[[], None] = lambda: None,
+        ahead: bool = False,
+    ) -> RequestsDocument:
         """Apply `edit` to the current content and replace the file. Raises Invalid if the file is broken: a person must
-        fix it first, so that their edit is not lost. Without `notify` the caller tells the loop itself."""
+        fix it first, so that their edit is not lost. Without `notify` the caller tells the loop itself: `known` is
+        called when the loop may act on the change, which may still have to reach the disk; with `ahead`, before it is
+        written at all; not if nothing changes."""
         with locked(self.path.with_name(".requests.lock")):
             self.read()
             if self.diagnostics:
@@ -85,8 +108,20 @@ class RequestsFile:
                 )
             changed = edit(self.document)
             if changed != self.document:
-                write_atomic(self.path, render(changed))
-                self.document, self._stamp = changed, self._now()
+
+                def placed() -> None:
+                    self.document, self._stamp = changed, self._now()
+                    self.written, self.ahead = (self.document, self._stamp), None
+                    if not ahead:
+                        known()
+
+                if ahead:
+                    self.ahead = changed
+                    known()
+                try:
+                    write_atomic(self.path, render(changed), placed=placed)
+                finally:
+                    self.ahead = None
                 if notify:
                     wakeup.notify(self.path.parent)
             return self.document

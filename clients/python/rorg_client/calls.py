@@ -62,7 +62,10 @@ class Call(Generic[T]):
 
     def at(self, left: float) -> str:
         """The path, with the time left to wait."""
-        return self.path if self.wait is None else f"{self.path}&timeout={max(0.0, left):.3f}"
+        if self.wait is None:
+            return self.path
+        name = "timeout" if self.method == "GET" else "wait"
+        return f"{self.path}{'&' if '?' in self.path else '?'}{name}={max(0.0, left):.3f}"
 
     def not_before(self, newest: Newest) -> int:
         """The change that the answer must know of. A request may name what an earlier change declared; renewals and
@@ -157,8 +160,9 @@ def _of(name: str) -> str:
     return quote(name, safe="")
 
 
-def put_request(id: str, body: dict[str, Any], requester: str | None) -> Call[RequestView]:
-    return Call("PUT", _query(f"/v1/requests/{_of(id)}", requester=requester), body)
+def put_request(id: str, body: dict[str, Any], requester: str | None, wait: float | None = None) -> Call[RequestView]:
+    """`wait`: the answer comes when the services are ready, or is NotReady; the request stands either way."""
+    return Call("PUT", _query(f"/v1/requests/{_of(id)}", requester=requester), body, wait=wait)
 
 
 def renew(id: str, requester: str | None) -> Call[RequestView]:

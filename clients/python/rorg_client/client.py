@@ -111,11 +111,9 @@ class Client:
         check_id(id or "request")
         made = Request(self, services, id or new_id(services[0]), ttl, reason, priority, requester)
         try:
-            made.put()
             if on_lost is not None:
                 made.on_lost(on_lost)
-            if wait is not None:
-                made.wait(wait)
+            made.put(wait)
         except Error:
             if made.arrived:
                 made.give_up()

@@ -119,10 +119,24 @@ class Request(Kept):
         self._waiting: list[Client] = []
         """Pending futures."""
 
-    def put(self) -> None:
-        """Sends it, and keeps it alive from now on."""
-        self.client.do(calls.put_request(self.id, self.body, self.requester))
+    def put(self, wait: float | None = None) -> None:
+        """Sends it, and keeps it alive from now on. With `wait`, returns when all is ready, or raises NotReady."""
+        if wait is not None:
+            self._keep()  # it may have to be renewed before the answer
+        known = len(self.losses)
+        try:
+            told = self.client.do(calls.put_request(self.id, self.body, self.requester, wait))
+        except BaseException as error:
+            self.arrived = isinstance(error, NotReady)
+            if not self.arrived:
+                self._stop()
+            raise
         self.arrived = True
+        self._keep()
+        if wait is not None:
+            self._is_ready(told["readiness"], known)
+
+    def _keep(self) -> None:
         if self.ttl is not None and self._beat is None:
             self._beat = threading.Thread(target=self._heartbeat, name=f"rorg-{self.id}", daemon=True)
             self._beat.start()
@@ -135,7 +149,7 @@ class Request(Kept):
             try:
                 client.do(calls.renew(self.id, self.requester))
             except NotFound:
-                if not self._over.is_set():
+                if self.arrived and not self._over.is_set():
                     with contextlib.suppress(Error):
                         client.do(calls.put_request(self.id, self.body, self.requester))
                     self.note(unknown(self.id))
@@ -151,11 +165,13 @@ class Request(Kept):
 
     def _wait(self, client: Client, timeout: float) -> Request:
         known = len(self.losses)
-        found = client.wait(*self.services, timeout=timeout)
+        self._is_ready(client.wait(*self.services, timeout=timeout), known)
+        return self
+
+    def _is_ready(self, found: dict[str, Readiness], known: int) -> None:
         with self._guard:
             if not self.ready_now(found, known):
                 self._lost.clear()
-        return self
 
     def ready(self, timeout: float = 30.0) -> Future[Request]:
         """The same as a future: it gives the request when all are ready; otherwise, or if it is released, NotReady."""

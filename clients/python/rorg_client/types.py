@@ -52,7 +52,7 @@ class ServiceView(TypedDict):
 
 
 class RequestView(TypedDict):
-    """A request that counts. `ttl` and `expires_in` are seconds."""
+    """A request that counts. `ttl` and `expires_in` are seconds; only a call that waited is told `readiness`."""
 
     id: str
     requester: str
@@ -63,6 +63,7 @@ class RequestView(TypedDict):
     incarnation: str | None
     standing: bool
     expires_in: float | None
+    readiness: dict[str, Readiness]
 
 
 class Link(TypedDict):
