@@ -24,7 +24,7 @@ class Exit(IntEnum):
     NOT_READY = 4
     """Applied, but not everything became ready in time."""
     REFUSED = 5
-    """Lock held, stale plan, or a confirmation is missing."""
+    """Lock held, stale plan, or a confirmation is missing. `rorg emulate`: a run is not valid."""
     INTERNAL = 70
     """A bug in rorg; an uncaught exception never exits 1."""
 

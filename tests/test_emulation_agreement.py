@@ -1,4 +1,5 @@
-"""A simulation and an emulation agree, moment by moment; a simulation can be given what an emulation measured."""
+"""A simulation and an emulation agree, moment by moment; a simulation can be given what an emulation measured. A run
+that was disturbed is not valid, and nothing is computed from it."""
 
 from __future__ import annotations
 
@@ -8,9 +9,13 @@ from robots import write_tree
 from rorg.manifest.load import load_or_raise
 from rorg.model.trace import Trace, TraceEvent
 from rorg.model.workload import Distribution
-from rorg.tools.sim.emulation import agreement, calibrated, replayed, simulated
+from rorg.tools.sim.emulate import Share
+from rorg.tools.sim.emulation import Compared, Emulation, agreement, as_json, calibrated, replayed, simulated
 from rorg.tools.sim.player import EmulatedRun
-from rorg.tools.sim.results import RunResult, Sample
+from rorg.tools.sim.results import Response, RunResult, Sample
+from rorg.tools.sim.validity import Conditions, Cpu, NeverReady, OtherLoad, Starved, flaws
+
+QUIET = Conditions(2, 0.1, {"arm": Cpu(10.0, 9.9)})
 
 
 def run(*active: str, late: float = 0.0) -> RunResult:
@@ -20,7 +25,7 @@ def run(*active: str, late: float = 0.0) -> RunResult:
 
 def measured(times: dict[tuple[str, str], tuple[float, ...]], *events: TraceEvent) -> EmulatedRun:
     """A run in which calls took these times."""
-    return EmulatedRun(run(), 0.0, 0, (0.0, 0.0), times, events)
+    return EmulatedRun(run(), 0.0, 0, (0.0, 0.0), times, events, QUIET)
 
 
 def test_all_the_same_agrees_whole():
@@ -76,3 +81,65 @@ def test_calibration_takes_what_was_measured():
     assert found.of("arm").resume == Distribution((0.5, 0.7))
     assert found.of("hand").start is None
     assert not found.measured
+
+
+ASKED = Response(2.0, "behaviour", "state", "chat", 0.3)
+NEVER = Response(9.0, "behaviour", "state", "chat", None)
+
+
+@pytest.mark.parametrize(
+    ("conditions", "responses", "flaw", "why"),
+    [
+        (QUIET, (ASKED,), None, ""),
+        (Conditions(2, 0.2, {}), (), None, ""),
+        (Conditions(2, 0.21, {}), (), OtherLoad(0.21, 2), "other programs used 0.21 of 2 cores, more than 10%"),
+        (Conditions(2, 0, {"arm": Cpu(1.0, 0.901), "eyes": Cpu(0.1, 0.05)}), (), None, ""),
+        (
+            Conditions(2, 0, {"arm": Cpu(10.0, 9.4), "base": Cpu(1.0, 1.2), "eyes": Cpu(10.0, 5.0)}),
+            (),
+            Starved({"arm": Cpu(10.0, 9.4), "eyes": Cpu(10.0, 5.0)}),
+            "2 stand-ins got less than 95% of the CPU that they need (eyes 50%, arm 94%)",
+        ),
+        (
+            QUIET,
+            (ASKED, NEVER, ASKED),
+            NeverReady((NEVER,), 3),
+            "1 of 3 requests never became ready (1 of chat)",
+        ),
+    ],
+)
+def test_what_makes_a_run_invalid(conditions, responses, flaw, why):
+    found = flaws(conditions, responses)
+    assert found == (() if flaw is None else (flaw,))
+    assert [one.why for one in found] == ([why] if why else [])
+
+
+def test_the_cause_comes_before_its_effects():
+    found = flaws(Conditions(2, 1.5, {"arm": Cpu(10.0, 5.0)}), (NEVER,))
+    assert [one.code for one in found] == ["other-load", "starved", "never-ready"]
+
+
+def pairs(*cpu: float, conditions: Conditions = QUIET) -> Emulation:
+    """Runs that used so many cores, alternately with everything on and with rorg."""
+    none = agreement(run(), run())
+    found = []
+    for cores in cpu:
+        result = RunResult("run", 10, (Sample(1, 0, 100, frozenset()),), cpu_seconds=10 * cores)
+        made = EmulatedRun(result, 0.0, 0, (0.0, 0.0), {}, (), conditions)
+        found.append(Compared(made, none, none, result))
+    return Emulation(trace="t", compress=1, engine="process", share=Share(), machine={}, runs=tuple(found))
+
+
+def test_one_pair_has_no_deviation():
+    assert pairs(1.0).reductions == {}
+    assert as_json(pairs(1.0, 0.5))["reductions"]["cpu"] == {"mean": 0.5, "least": 0.5, "most": 0.5, "deviation": None}
+    two = pairs(1.0, 0.5, 1.0, 0.7).reductions["cpu"]
+    assert (two.mean, two.deviation) == pytest.approx((0.4, 0.1414), abs=1e-4)
+
+
+def test_an_invalid_run_leaves_no_reductions_and_says_why():
+    disturbed = pairs(1.0, 0.5).with_run(pairs(1.0, conditions=Conditions(2, 1.0, {})).runs[0])
+    found = as_json(disturbed)
+    assert found["reductions"] == {}
+    assert [run["invalid"] for run in found["runs"][:2]] == [[], []]
+    assert [flaw["code"] for flaw in found["runs"][2]["invalid"]] == ["other-load"]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 from rorg.cli.context import Context
 from rorg.cli.options import FILES, Argument, Directory, EngineName, Option, Output
 from rorg.cli.output import as_json, disk_errors, note, print_rows, table
-from rorg.errors import Invalid
+from rorg.errors import Invalid, Refused
 from rorg.model.units import format_memory
 
 if TYPE_CHECKING:
@@ -30,7 +30,9 @@ COLUMNS = (
     "rorg_cpu",
     "rorg_memory",
     "agreement",
+    "sets",
     "replayed",
+    "replayed_sets",
 )
 SHORTEST = 2.0
 """Shortest run, in seconds: a sample takes one."""
@@ -64,7 +66,8 @@ def command(
     output: Output = "table",
 ) -> None:
     """Replay a trace on a real engine with stand-in programs, with everything on and with rorg in turns. Leave
-    nothing behind.
+    nothing behind. Needs a machine that does nothing else: if other programs use more than 10% of its CPU, a stand-in
+    gets less than 95% of its own, or a request never becomes ready, it reports an error instead of figures.
 
     Example: rorg emulate docs/evaluation/hour.yaml manifests --compress 6 --pairs 3
     """
@@ -145,10 +148,21 @@ def _measured(experiment: Experiment, compress: float, pairs: int, save: Path | 
     with closing(emulate(experiment, pairs, note)) as runs:
         for run in runs:
             emulation = emulation.with_run(_compared(experiment, run))
-            note(_told(emulation))
             if save:
                 _save(save, as_json(plain(emulation), 1) + "\n")
+            _check(emulation, save)
+            note(_told(emulation))
     return emulation
+
+
+def _check(emulation: Emulation, save: Path | None) -> None:
+    """Raises Refused if the last run is not valid."""
+    run = emulation.runs[-1].run
+    if run.flaws:
+        if save:
+            note(f"{save} has the measurements, marked as invalid")
+        what = f"report the run {run.result.name} of pair {(len(emulation.runs) + 1) // 2}"
+        raise Refused(what, ", and ".join(flaw.why for flaw in run.flaws), run.flaws[0].remedy)
 
 
 def _compared(experiment: Experiment, run: EmulatedRun) -> Compared:
@@ -208,7 +222,9 @@ def _rows(emulation: Emulation) -> list[dict[str, str]]:
                 "rorg_cpu": f"{run.own_cpu:.3f}",
                 "rorg_memory": format_memory(run.own_memory),
                 "agreement": f"{one.drawn.services:.2%}",
+                "sets": f"{one.drawn.sets:.2%}",
                 "replayed": f"{one.replayed.services:.2%}",
+                "replayed_sets": f"{one.replayed.sets:.2%}",
             }
         )
     return rows
@@ -220,10 +236,12 @@ def _print(emulation: Emulation, output: str) -> None:
     rows, lines = _rows(emulation), list[str]()
     for what, of in (("CPU", "cpu"), ("memory", "memory")):
         one = emulation.reductions[of]
-        lines.append(
-            f"{what}: {-one.mean:+.1%} with rorg (from {-one.most:+.1%} to {-one.least:+.1%}, "
-            f"standard deviation {one.deviation:.1%})"
+        spread = (
+            "one pair"
+            if one.deviation is None
+            else f"from {-one.most:+.1%} to {-one.least:+.1%}, standard deviation {one.deviation:.1%}"
         )
+        lines.append(f"{what}: {-one.mean:+.1%} with rorg ({spread})")
     share = emulation.share
     lines.append(f"stand-ins use {share.cpu:.1%} of the CPU and {share.memory:.1%} of the memory that is declared")
     print_rows(rows, output, COLUMNS, full=as_json(emulation), text="\n".join([table(rows, COLUMNS), "", *lines]))

@@ -95,12 +95,12 @@ class Spread:
     mean: float
     least: float
     most: float
-    deviation: float
-    """The standard deviation; 0 for a single value."""
+    deviation: float | None
+    """The standard deviation; None for a single value."""
 
     @classmethod
     def of(cls, values: Sequence[float]) -> Spread:
-        return cls(mean(values), min(values), max(values), stdev(values) if len(values) > 1 else 0.0)
+        return cls(mean(values), min(values), max(values), stdev(values) if len(values) > 1 else None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,9 +133,9 @@ class Emulation:
 
     @property
     def reductions(self) -> dict[str, Spread]:
-        """The fractions of CPU and memory that rorg saved; empty until a pair is complete."""
+        """The fractions of CPU and memory that rorg saved; empty until a pair is complete, or if a run is not valid."""
         pairs = list(zip(self.runs[::2], self.runs[1::2], strict=False))
-        if not pairs:
+        if not pairs or any(one.run.flaws for one in self.runs):
             return {}
         return {
             what: Spread.of([reduction(b.run.result, a.run.result)[what] for a, b in pairs])
@@ -162,7 +162,8 @@ def as_json(emulation: Emulation) -> dict[str, Any]:
         "scale": asdict(emulation.share),
         "machine": dict(emulation.machine),
         "reductions": {
-            what: {k: round(v, 4) for k, v in asdict(s).items()} for what, s in emulation.reductions.items()
+            what: {k: None if v is None else round(v, 4) for k, v in asdict(s).items()}
+            for what, s in emulation.reductions.items()
         },
         "runs": [_run(one, emulation.share) for one in emulation.runs],
     }
@@ -172,6 +173,7 @@ def _run(one: Compared, share: Share) -> dict[str, Any]:
     run, result = one.run, one.run.result
     return {
         "name": result.name,
+        "invalid": [{"code": flaw.code, "why": flaw.why} for flaw in run.flaws],
         "seconds": result.duration,
         "cpu": round(result.cpu, 4),
         "memory": round(result.memory),
@@ -180,6 +182,11 @@ def _run(one: Compared, share: Share) -> dict[str, Any]:
         "simulated": {"cpu": round(one.simulated.cpu, 4), "memory": round(one.simulated.memory)},
         "rorg": {"cpu": round(run.own_cpu, 4), "memory": run.own_memory},
         "load": [round(load, 2) for load in run.load],
+        "other_cpu": round(run.conditions.other, 4),
+        "stand_ins": {
+            name: {"wanted": round(cpu.wanted, 2), "got": round(cpu.got, 2)}
+            for name, cpu in sorted(run.conditions.stand_ins.items())
+        },
         "agreement": {"drawn": _agreement(one.drawn), "replayed": _agreement(one.replayed)},
         "actions": dict(result.actions or {}),
         "calls": {verb: {"count": len(seconds), **_seconds(seconds)} for verb, seconds in run.calls.items()},

@@ -6,65 +6,19 @@ import os
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 from rorg.core.decide import Decision
-from rorg.core.observed import Container
 from rorg.core.wanted import wanted
 from rorg.daemon.loop import Loop
-from rorg.engines.protocol import Usage
 from rorg.history.journal import ALL, Filter
 from rorg.model.catalog import Request
 from rorg.model.trace import Trace, TraceEvent
+from rorg.tools.sim.meters import OwnMeter, ServicesMeter
 from rorg.tools.sim.results import Responses, RunResult, Sample, Violations
 from rorg.tools.sim.throwaway import ThrowawayRobot
-
-PAGE = os.sysconf("SC_PAGE_SIZE")
-
-
-class ServicesMeter:
-    """Measures CPU and memory of containers, from the engine's counters (control groups, if it has any). What a
-    container used between the last look and its end is lost, so look often."""
-
-    def __init__(self, usage: Callable[[tuple[Container, ...]], Mapping[str, Usage]]) -> None:
-        self._usage = usage
-        self._before: dict[str, float] | None = None
-        self.cpu_seconds = 0.0
-        """CPU seconds since the first look."""
-        self.memory = 0
-        """Bytes at the last look."""
-
-    def look(self, containers: tuple[Container, ...]) -> None:
-        usage_by_id = self._usage(containers)
-        now = {f"{c.id} {c.started_at}": usage_by_id[c.id] for c in containers if c.id in usage_by_id}
-        if self._before is not None:
-            before = self._before
-            self.cpu_seconds += sum(max(0.0, use.cpu - before.get(run, 0.0)) for run, use in now.items())
-        self._before = {run: use.cpu for run, use in now.items()}
-        self.memory = sum(use.memory for use in now.values())
-
-
-class OwnMeter:
-    """Measures CPU and memory of this process, which runs the loop, without the CPU of the measuring thread."""
-
-    def __init__(self) -> None:
-        self._cpu, self._at = self._used(), time.monotonic()
-
-    def cores(self) -> float:
-        """Mean number of cores since it was made."""
-        return (self._used() - self._cpu) / (time.monotonic() - self._at)
-
-    @staticmethod
-    def memory() -> int:
-        """Resident memory in bytes."""
-        return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * PAGE
-
-    @staticmethod
-    def _used() -> float:
-        return time.process_time() - time.thread_time()
-
+from rorg.tools.sim.validity import Conditions, Flaw, flaws
 
 LOOK, LOOKS = 0.25, 4
 """Seconds between two looks at the services' use; looks for each sample."""
@@ -87,6 +41,12 @@ class EmulatedRun:
     """Seconds of calls of the engine, and until services were ready, in the form of a Workload."""
     made: tuple[TraceEvent, ...]
     """The events of the trace, each with the time at which it was passed on."""
+    conditions: Conditions
+
+    @property
+    def flaws(self) -> tuple[Flaw, ...]:
+        """Why it is not valid."""
+        return flaws(self.conditions, self.result.responses)
 
     @property
     def calls(self) -> dict[str, tuple[float, ...]]:
@@ -132,7 +92,7 @@ class Player:
         self.robot, self.loop, self.trace, self.catalog = robot, loop, trace, catalog
         self.responses, self.violations = Responses(catalog), Violations(None)
         self.readiness = Readiness(time.monotonic())
-        self.meter = ServicesMeter(robot.engine.usage)
+        self.meter = ServicesMeter(robot.engine.usage, {name: one.cpu for name, one in catalog.services.items()})
         self._standing: dict[tuple[str, str], TraceEvent] = {}
         """Requests of the trace that are not released."""
         self._unmade: dict[tuple[str, str], TraceEvent] = {}
@@ -161,6 +121,8 @@ class Player:
         for _ in self._moments():
             memory = max(memory, own.memory())
         self.loop.decided = lambda: None
+        other = own.other_cores(self.meter.cpu_seconds)
+        conditions = Conditions(os.cpu_count() or 1, other, self.meter.stand_ins)
         calls = self._calls(seq)
         measured = {key: tuple(seconds) for key, seconds in (calls | self.readiness.found).items()}
         actions = Counter(verb for (verb, _), seconds in calls.items() for _ in seconds)
@@ -173,7 +135,8 @@ class Player:
             dict(sorted(actions.items())),
             cpu_seconds=self.meter.cpu_seconds,
         )
-        return EmulatedRun(result, own.cores(), memory, (load, os.getloadavg()[0]), measured, tuple(self._passed))
+        loads, made = (load, os.getloadavg()[0]), tuple(self._passed)
+        return EmulatedRun(result, own.cores(), memory, loads, measured, made, conditions)
 
     # -- time --------------------------------------------------------------------------------------------------
 
