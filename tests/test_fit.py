@@ -1,22 +1,27 @@
-"""`rorg fit`: what services used while they ran, and manifests that say so."""
+"""`rorg fit`: what services used while they ran, and manifests that say so; how long they take to start."""
 
 from __future__ import annotations
 
 import itertools
+import json
+import sys
 
 import pytest
 import yaml
 from commands import run
-from conftest import wait_for
+from conftest import ROOT, free_port, wait_for
 from robots import RealRobot
 
 from rorg.core.observed import Container
 from rorg.daemon.usage_recorder import UsageRecorder
 from rorg.engines.protocol import Usage
 from rorg.history.database import Database
+from rorg.history.durations import learned_workload
 from rorg.history.retention import Retention, trim
 from rorg.history.usage import MACHINE, Measured, UsageTable
 from rorg.manifest.fitting import fit
+from rorg.manifest.workloads import read_workload, workload_text
+from rorg.model.workload import Distribution
 
 MIB = 1 << 20
 HEAD = "apiVersion: rorg/v1\nkind: Service\nmetadata:\n  name: camera\n"
@@ -206,3 +211,89 @@ def test_a_real_robot_measures_and_writes(request, tmp_path):
     wait_for(lambda: robot.loop.tree.desired.catalog.services["busy"].cpu == cpu)
     robot.stop()
     assert "it is as declared" in run([*line[:1], *line[2:]]).stderr
+
+
+def entry(kind: str, second: float, service: str = "arm", **more) -> dict:
+    return {"kind": kind, "at": f"2026-01-01T00:00:{second:09.6f}Z", "service": service, **more}
+
+
+def done(verb: str, second: float, seconds: float, service: str = "arm") -> dict:
+    return entry("done", second, service, verb=verb, seconds=seconds)
+
+
+def state(word: str, second: float) -> dict:
+    return entry("state", second, state=word)
+
+
+def test_durations_follow_from_the_journal(tmp_path):
+    journal = [
+        *(done("create", 0, 0.02), done("start", 1, 0.1), state("running", 1.1), state("ready", 3.5)),
+        *(done("pause", 10, 0.01), state("paused", 10.1), done("resume", 12, 0.01), state("ready", 12.25)),
+        *(done("stop", 20, 1.5), state("exited", 20.1), done("stop", 20.5, 0.5, "eyes")),
+        *(done("start", 21, 0.2), state("ready", 24)),
+        # This run never becomes ready.
+        *(done("start", 30, 0.2), state("exited", 31), state("ready", 50)),
+    ]
+    found = learned_workload("measured", journal)
+    assert found.services["arm"].start == Distribution((2.5, 3.0))
+    assert found.services["arm"].resume == Distribution((0.25,))
+    assert found.services["arm"].stop == Distribution((1.0,)), "besides the engine's part"
+    assert found.calls["start"] == Distribution((0.1, 0.2, 0.2))
+    assert found.calls["stop"] == Distribution((0.5,))
+    file = tmp_path / "workload.yaml"
+    file.write_text(workload_text(found))
+    assert read_workload(file) == found
+
+
+def test_the_newest_durations_are_kept():
+    journal = [e for n in range(30) for e in (done("start", n, n), state("ready", n + 0.5 + n / 100))]
+    assert [round(v, 2) for v in learned_workload("measured", journal).services["arm"].start.values] == [
+        round(0.5 + n / 100, 2) for n in range(10, 30)
+    ]
+
+
+def test_a_simulation_of_a_recorded_day_waits_as_long_as_the_day_did(request, tmp_path):
+    robot = RealRobot(tmp_path, "process", None, with_server=True)
+    request.addfinalizer(robot.close)
+    port = free_port()
+    robot.declare(
+        {
+            "slow": {
+                "command": [sys.executable, "-S", str(ROOT / "images/standin/standin")],
+                "container": {"environment": {"STANDIN_START": "1", "STANDIN_READY": f"tcp:{port}"}},
+                "ready": {"tcp": port, "interval": "100ms"},
+                "idle": {"action": "stop", "linger": "0s"},
+            }
+        }
+    )
+    for _ in range(2):
+        robot.request("slow")
+        robot.wait(lambda: (now := robot.loop.decision) is not None and now.memory.of("slow").ready)
+        robot.release()
+        robot.wait(lambda: not robot.active())
+    at, workload, trace = ("--state-dir", robot.state.path), tmp_path / "workload.yaml", tmp_path / "day.yaml"
+    shown = run(["fit", "--workload", workload, *at, "--manifests", robot.tree])
+    assert "n=2" in shown.stdout, shown.stderr
+    assert run(["trace", "record", *at, "--since", "1h", "--file", trace]).returncode == 0
+
+    def simulated(*words) -> tuple[float, str]:
+        ended = run(["simulate", trace, robot.tree, "-o", "json", *words])
+        waits = json.loads(ended.stdout)["runs"][1]["responses"]["all"]
+        assert (waits["count"], waits["never"]) == (2, 0)
+        return waits["median"], ended.stderr
+
+    waited, told = simulated()
+    assert waited < 0.5
+    assert told == (
+        "slow: no start times are known, so requests wait longer than this says; "
+        "try `rorg fit --workload FILE`, then `rorg simulate --workload FILE`\n"
+    )
+    starts = read_workload(workload).services["slow"].start.values
+    assert min(starts) >= 1.0
+    waited, told = simulated("--workload", workload)
+    assert min(starts) <= waited <= max(starts) + 0.5
+    assert told == ""
+    robot.stop()
+    again = tmp_path / "again.yaml"
+    assert run(["fit", "--workload", again, *at, "--manifests", robot.tree, "-o", "json"]).returncode == 0
+    assert again.read_text() == workload.read_text(), "without a running rorg, too"

@@ -86,12 +86,16 @@ def test_the_labels_of_near_points_do_not_collide():
     assert all(memory.bbox.contains(*corner) for box in boxes for corner in box.corners())
 
 
-def test_the_footnote_stays_clear_of_the_legend():
-    """Their texts, as long as they are, in the figure of a trace with all states."""
-    trace = read_trace(ROOT / "docs/evaluation/hour.yaml")
-    figure = draw_runs([run("rorg", 1.0, 1, [1.0])], trace, "measured on Docker with stand-ins " * 4)
+def test_no_text_of_the_plot_meets_another():
+    """Texts as long as they are, in the figure of a trace with all states; each state has a lane with its name."""
+    trace = read_trace(ROOT / "docs/evaluation/day.yaml")
+    figure = draw_runs([run(name, 1.0, 1, [1.0]) for name in ("all-on", "rorg")], trace, "measured on Docker " * 8)
     figure.draw_without_rendering()
-    (_, below) = figure.legends
-    boxes = [text.get_window_extent() for text in (below.get_title(), *below.get_texts(), figure.axes[-1].xaxis.label)]
+    activity, legend = figure.axes[-1], figure.legends[0]
+    lanes = activity.get_yticklabels()
+    assert {text.get_text() for text in lanes} == {span[3] for span in trace.states()}
+    labels = [axis.label for axes in figure.axes for axis in (axes.xaxis, axes.yaxis) if axis.label.get_text()]
+    texts = [*lanes, *activity.get_xticklabels(), *labels, *legend.get_texts(), *figure.texts]
+    boxes = [text.get_window_extent() for text in texts]
     assert not [(a, b) for i, a in enumerate(boxes) for b in boxes[:i] if a.overlaps(b)]
     assert all(figure.bbox.contains(*corner) for box in boxes for corner in box.corners())

@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from dataclasses import replace
+from pathlib import Path
+from statistics import median
 from typing import TYPE_CHECKING, Annotated
 
+from rorg.cli.context import Context
 from rorg.cli.edit import manifests
-from rorg.cli.options import FORMS, SERVICES, Argument, Option, Tree, moment
-from rorg.cli.output import echo, missing, note, print_rows
+from rorg.cli.options import FILES, FORMS, SERVICES, Argument, Option, Tree, moment
+from rorg.cli.output import disk_errors, echo, missing, note, print_rows
 from rorg.cli.records import records_of
+from rorg.errors import Invalid
 
 if TYPE_CHECKING:
     from rorg.manifest.fitting import Fit
+    from rorg.model.workload import Distribution
 
 DAYS = "7d"
 """How far back it looks by default."""
+DURATIONS = ("start", "resume", "stop")
 
 
 def percent(text: str) -> float:
@@ -37,13 +44,17 @@ def command(
             "Margin on top of the measured use. Default: 10%.", parser=percent, metavar="PERCENT", show_default=False
         ),
     ] = 0.1,
+    workload: Annotated[
+        Path | None,
+        Option("Write a Workload of measured start, resume and stop times, for `rorg simulate`.", completes=FILES),
+    ] = None,
     write: Annotated[bool, Option("Write it into the manifests, as `rorg edit` does.")] = False,
     output: Annotated[
         str, Option("diff, table, wide, name, yaml or json.", names=("-o", "--output"), choices=("diff", *FORMS))
     ] = "diff",
 ) -> None:
     """Propose `resources:` for manifests from measured use: the mean CPU and the peak memory of each service while
-    it ran.
+    it ran. With --workload, learn from the journal how long services take to start, resume and stop.
 
     Example: rorg fit navigation --since 24h
     """
@@ -54,6 +65,9 @@ def command(
     for name in services or ():
         if name not in known:
             raise missing("service", name, known)
+    if workload:
+        _learn(context, services or known, since or moment(DAYS), workload, output)
+        return
     with records_of(context) as records:
         measured = {entry["service"]: entry for entry in records.measured(since or moment(DAYS))}
     chosen = [n for n in sorted(known) if not services or n in services]
@@ -65,6 +79,38 @@ def command(
             tree.text("Service", one.service)  # write() writes the manifest that was read last
             tree.write("Service", one.service, one.text)
             note(f"service {one.service} edited")
+
+
+def _learn(context: Context, services: Collection[str], since: str, file: Path, output: str) -> None:
+    """Writes the Workload, and prints the median and the range of each duration. Raises Invalid without any."""
+    from rorg.history.durations import learned_workload
+    from rorg.manifest.workloads import workload_text
+
+    with records_of(context) as records:
+        events = (record["event"] for record in records.everything() if "event" in record)
+        known = learned_workload("measured", (event for event in events if event["at"] >= since))
+    chosen = {name: one for name, one in known.services.items() if name in services}
+    if not chosen:
+        raise Invalid(
+            "learn durations", "the journal has no start of these services in that time", "an earlier --since"
+        )
+    with disk_errors(f"write {file}", "another file"):
+        file.write_text(workload_text(replace(known, services=chosen)), encoding="utf-8")
+    rows = [
+        {"service": name, **{word: _spread(getattr(one, word)) for word in DURATIONS}} for name, one in chosen.items()
+    ]
+    full = [
+        {"service": name, **{word: list(getattr(one, word).values) if getattr(one, word) else [] for word in DURATIONS}}
+        for name, one in chosen.items()
+    ]
+    print_rows(rows, "table" if output == "diff" else output, ("service", *DURATIONS), full=full)
+
+
+def _spread(one: Distribution | None) -> str:
+    if one is None:
+        return "-"
+    least, most = min(one.values), max(one.values)
+    return f"{median(one.values):.2f} s ({least:.2f} to {most:.2f}, n={len(one.values)})"
 
 
 def _show(fits: Sequence[Fit], before: dict[str, str], output: str, named: Collection[str]) -> None:

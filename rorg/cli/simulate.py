@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 
 from rorg.cli.context import Context
 from rorg.cli.options import FILES, Argument, Directory, Option, Output, duration
-from rorg.cli.output import disk_errors, print_rows
+from rorg.cli.output import disk_errors, note, print_rows
 from rorg.errors import Invalid
 from rorg.model.units import format_memory
 
 if TYPE_CHECKING:
+    from rorg.model.catalog import Catalog
     from rorg.model.learned import Learned
     from rorg.model.trace import Trace
     from rorg.model.workload import Workload
@@ -87,6 +88,7 @@ def command(
     catalog = context.catalog()
     asked = read_trace(trace, {*catalog.services, *catalog.groups})
     programs = read_workload(workload) if workload else Workload("manifests")
+    _warn(catalog, asked, programs)
     trial = Trial(
         Tree(context.root, catalog, context.engine_name, context.robot), asked, programs, seed, _learned(learn)
     )
@@ -94,6 +96,19 @@ def command(
         try_out(trial, compare, sweep, output, csv, plot)
     else:
         _simulate(trial, every, output, csv, plot)
+
+
+def _warn(catalog: Catalog, trace: Trace, workload: Workload) -> None:
+    """Notes the services that take time to become ready, if nothing says how long."""
+    from rorg.model.causes import Cause
+    from rorg.model.graph import closure
+
+    members = {member for event in trace.events for name in event.services for member in catalog.members(name)}
+    used = (catalog.services[name] for name in sorted(closure(catalog.services, members)))
+    probed = (one.name for one in used if one.ready is not None and one.ready.delay is None)
+    if unknown := tuple(name for name in probed if workload.of(name).start is None):
+        why = "no start times are known, so requests wait longer than this says"
+        note(f"{Cause(unknown, why)}; try `rorg fit --workload FILE`, then `rorg simulate --workload FILE`")
 
 
 def _simulate(trial: Trial, every: float, output: str, csv: Path | None, plot: Path | None) -> None:

@@ -12,7 +12,9 @@ from pydantic import BeforeValidator, Field
 from rorg.manifest.fields import SCALAR, Written, field
 from rorg.manifest.one_document import OneDocument, read_document
 from rorg.manifest.option_forms import Duration, Memory, Name, Strict
+from rorg.manifest.yaml_text import yaml_text
 from rorg.model.diagnostics import Diagnostic, Reading, unknown
+from rorg.model.units import format_duration
 from rorg.model.workload import Behaviour, Distribution, Workload
 
 Cores = Annotated[float, Field(strict=False, ge=0), Written("number of cores")]
@@ -112,6 +114,20 @@ class WorkloadSpec(Strict):
 def read_workload(path: Path) -> Workload:
     """Reads a workload. Raises Invalid with all mistakes, each with file:line:column."""
     return read_document(path, "Workload", WorkloadSpec, _workload)
+
+
+def workload_text(workload: Workload) -> str:
+    """Writes the measured durations of a workload as YAML, so that read_workload reads them again."""
+    services = {
+        name: {word: _written(spread) for word in ("start", "resume", "stop") if (spread := getattr(one, word))}
+        for name, one in workload.services.items()
+    }
+    spec = {"calls": {verb: _written(spread) for verb, spread in workload.calls.items()}, "services": services}
+    return yaml_text({"apiVersion": "rorg/v1", "kind": "Workload", "metadata": {"name": workload.name}, "spec": spec})
+
+
+def _written(spread: Distribution) -> list[str]:
+    return [format_duration(round(seconds, 4)) for seconds in spread.values]
 
 
 def _workload(source: OneDocument[WorkloadSpec]) -> Reading[Workload]:

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from rorg.model.trace import Trace
 from rorg.plots.figure import save
+from rorg.plots.states import REQUEST
+from rorg.plots.times import QUIET
 from rorg.tools.sim.results import RunResult, Sample
 from rorg.tools.sim.variants import Tried
 
@@ -20,10 +22,10 @@ if TYPE_CHECKING:
 
 MOST_POINTS = 480
 """Points of a line. If there are more samples, means over equal times are drawn."""
-COLOURS = ("#8c8c8c", "#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#8c564b")
-"""Of runs; all others are compared with the first."""
-BANDS = ("#66c2a5", "#ffd92f", "#377eb8", "#e41a1c", "#fdb462", "#d9d9d9", "#984ea3", "#a6d854")
-"""Of states."""
+COLOURS = ("#a8b0b9", "#0550ae")
+"""Of everything on, and of rorg: light and dark, so that a grey print keeps them apart."""
+ROW, REST = 0.2, 5.0
+"""Inches: a lane of a state, and everything else."""
 GIB = 1 << 30
 
 
@@ -36,11 +38,13 @@ def draw_runs(results: Sequence[RunResult], trace: Trace, footnote: str) -> Figu
     """Returns the figure of draw()."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(10, 6), layout="constrained")
-    panels: Any = figure.subplots(3, 1, sharex=True, height_ratios=(5, 5, 1.2))
+    lanes = _lanes(trace)
+    height = ROW * (len(lanes) + 1)
+    figure = Figure(figsize=(10, REST + height), layout="constrained")
+    panels: Any = figure.subplots(3, 1, sharex=True, height_ratios=(2, 2, height))
     cpu, memory, activity = panels
     scale, unit = (3600.0, "hours") if trace.duration >= 7200 else (60.0, "minutes")
-    for one, colour in zip(results, COLOURS * len(results), strict=False):
+    for one, colour in zip(results, COLOURS, strict=False):
         samples = _thinned(one.samples)
         times = [s.at / scale for s in samples]
         cpu.plot(times, [s.cpu for s in samples], color=colour, linewidth=1.0)
@@ -54,30 +58,33 @@ def draw_runs(results: Sequence[RunResult], trace: Trace, footnote: str) -> Figu
     for axes in (cpu, memory):
         axes.set_ylim(bottom=0)
         axes.grid(alpha=0.3)
-    _activity(activity, trace, scale)
-    activity.set_xlabel(f"time ({unit})")
+    _activity(activity, lanes, scale)
+    activity.set_xlabel(f"time of the trace ({unit})")
     activity.set_xlim(0, trace.duration / scale)
-    lines, said = cpu.get_legend_handles_labels()
-    figure.legend(lines, said, loc="outside upper right", ncols=min(3, len(results)), frameon=False)
-    bands, states = activity.get_legend_handles_labels()
-    # The footnote is the legend's title, so that the layout keeps the two apart.
-    below = figure.legend(bands, states, loc="outside lower left", ncols=8, frameon=False, alignment="left")
-    below.set_title(footnote)
-    below.get_title().set(fontsize=7, color="#555555")
+    figure.legend(loc="outside upper right", ncols=len(results), frameon=False)
     figure.suptitle(trace.name, x=0.01, ha="left", fontweight="bold")
+    figure.supxlabel(footnote, x=0.01, ha="left", fontsize=7, color=QUIET)
     return figure
 
 
-def _activity(axes: Axes, trace: Trace, scale: float) -> None:
-    """Draws a band for each state, with one row for each behaviour."""
+def _lanes(trace: Trace) -> dict[str, list[tuple[float, float]]]:
+    """When the behaviour was in each state, in the order of their first times; with its name if there are several."""
     spans = trace.states()
-    who = list(dict.fromkeys(span[2] for span in spans))
-    names = list(dict.fromkeys(span[3] for span in spans))
-    for state, colour in zip(names, BANDS * len(names), strict=False):
-        for row, behaviour in enumerate(who):
-            bars = [(a / scale, (b - a) / scale) for a, b, by, of in spans if of == state and by == behaviour]
-            axes.broken_barh(bars, (row, 0.9), facecolors=colour, label=state if row == 0 else None)
-    axes.set_yticks([row + 0.45 for row in range(len(who))], who)
+    several = len({by for _, _, by, _ in spans}) > 1
+    lanes = dict[str, list[tuple[float, float]]]()
+    for begin, end, by, state in spans:
+        lanes.setdefault(f"{by}: {state}" if several else state, []).append((begin, end))
+    return lanes
+
+
+def _activity(axes: Axes, lanes: Mapping[str, Sequence[tuple[float, float]]], scale: float) -> None:
+    """Draws a lane for each state, named at its left: no colour needs to be looked up."""
+    for row, bars in enumerate(lanes.values()):
+        axes.broken_barh([(a / scale, (b - a) / scale) for a, b in bars], (row + 0.1, 0.8), facecolors=REQUEST)
+    axes.set_yticks([row + 0.5 for row in range(len(lanes))], list(lanes))
+    axes.set_ylim(max(len(lanes), 1), 0)
+    axes.tick_params(left=False)
+    axes.grid(axis="x", alpha=0.3)
     axes.spines[["top", "right", "left"]].set_visible(False)
 
 

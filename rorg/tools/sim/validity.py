@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from rorg.model.units import counted
 from rorg.tools.sim.results import Response
 
 LEAST_CPU = 0.95
@@ -50,7 +51,7 @@ class OtherLoad:
     """Other programs used too much of the machine."""
 
     code = "other-load"
-    remedy = "to end them, or to measure on a machine that does nothing else"
+    remedy = "to end them, or measure on a machine that does nothing else"
     used: float
     cores: float
 
@@ -71,8 +72,7 @@ class Starved:
     def why(self) -> str:
         worst = sorted(self.services.items(), key=lambda item: item[1].got / item[1].wanted)
         named = ", ".join(f"{name} {cpu.got / cpu.wanted:.0%}" for name, cpu in worst[:NAMED])
-        number = f"{len(worst)} stand-in{'s' if len(worst) > 1 else ''}"
-        return f"{number} got less than {LEAST_CPU:.0%} of the CPU that they need ({named})"
+        return f"{counted(len(worst), 'stand-in')} got less than {LEAST_CPU:.0%} of the CPU that they need ({named})"
 
 
 @dataclass(frozen=True, slots=True)
