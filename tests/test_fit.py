@@ -252,25 +252,29 @@ def test_the_newest_durations_are_kept():
     ]
 
 
+def stand_in(port: int) -> dict:
+    """A service that takes a second to start."""
+    return {
+        "command": [sys.executable, "-S", str(ROOT / "images/standin/standin")],
+        "container": {"environment": {"STANDIN_START": "1", "STANDIN_READY": f"tcp:{port}"}},
+        "ready": {"tcp": port},
+        "idle": {"action": "stop", "linger": "0s"},
+    }
+
+
 def test_a_simulation_of_a_recorded_day_waits_as_long_as_the_day_did(request, tmp_path):
     robot = RealRobot(tmp_path, "process", None, with_server=True)
     request.addfinalizer(robot.close)
-    port = free_port()
-    robot.declare(
-        {
-            "slow": {
-                "command": [sys.executable, "-S", str(ROOT / "images/standin/standin")],
-                "container": {"environment": {"STANDIN_START": "1", "STANDIN_READY": f"tcp:{port}"}},
-                "ready": {"tcp": port, "interval": "100ms"},
-                "idle": {"action": "stop", "linger": "0s"},
-            }
-        }
-    )
+    robot.declare({"slow": stand_in(free_port()), "later": stand_in(free_port())})
     for _ in range(2):
-        robot.request("slow")
-        robot.wait(lambda: (now := robot.loop.decision) is not None and now.memory.of("slow").ready)
-        robot.release()
+        for name in ("slow", "later"):  # so that the first request lasts longer than its wait
+            robot.request(name, id=name)
+            robot.wait(lambda name=name: name in robot.active())
+            robot.wait(lambda name=name: robot.loop.decision.memory.of(name).ready)
+        for name in ("slow", "later"):
+            robot.release(id=name)
         robot.wait(lambda: not robot.active())
+        robot.settle()
     at, workload, trace = ("--state-dir", robot.state.path), tmp_path / "workload.yaml", tmp_path / "day.yaml"
     shown = run(["fit", "--workload", workload, *at, "--manifests", robot.tree])
     assert "n=2" in shown.stdout, shown.stderr
@@ -278,14 +282,14 @@ def test_a_simulation_of_a_recorded_day_waits_as_long_as_the_day_did(request, tm
 
     def simulated(*words) -> tuple[float, str]:
         ended = run(["simulate", trace, robot.tree, "-o", "json", *words])
-        waits = json.loads(ended.stdout)["runs"][1]["responses"]["all"]
+        waits = json.loads(ended.stdout)["runs"][1]["responses"]["slow"]
         assert (waits["count"], waits["never"]) == (2, 0)
         return waits["median"], ended.stderr
 
     waited, told = simulated()
     assert waited < 0.5
     assert told == (
-        "slow: no start times are known, so requests wait longer than this says; "
+        "2 services (later, slow): no start times are known, so requests wait longer than this says; "
         "try `rorg fit --workload FILE`, then `rorg simulate --workload FILE`\n"
     )
     starts = read_workload(workload).services["slow"].start.values

@@ -1,4 +1,5 @@
-"""Recomputes the evaluation: figures.json, the plots, and the tables of docs/evaluation.md. Takes a minute of one core.
+"""Recomputes the evaluation: figures.json, the plots, and the tables of docs/evaluation.md and of README.md. Takes some
+minutes of one core.
 
 `python docs/evaluation/evaluate.py`, or `make evaluation`.
 """
@@ -10,7 +11,7 @@ import random
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from statistics import mean, median, stdev
+from statistics import mean, stdev
 from typing import Any
 
 import emulated
@@ -23,18 +24,23 @@ from rorg.model.catalog import Catalog
 from rorg.model.trace import Trace
 from rorg.model.workload import Behaviour, Distribution, Workload
 from rorg.tools.sim.plots import draw
+from rorg.tools.sim.report import summary
 from rorg.tools.sim.results import RunResult
 from rorg.tools.sim.simulate import simulate
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
-PAGE = HERE.parent / "evaluation.md"
+PAGE, README = HERE.parent / "evaluation.md", ROOT / "README.md"
 FIGURES = HERE / "figures.json"
 BEGIN, END = "<!-- begin: evaluate.py {} -->", "<!-- end: evaluate.py {} -->"
 SEEDS = (1, 2, 3, 4, 5)
 TRACES = ("day", "hour")
+NEVER_TOGETHER = "cartographer"
+"""The service that conflicts with others."""
 AT_REST = ("start", "charging")
 """States in which the robot does nothing: the paper counts only active time."""
+STATES = {"all": "all together", "chat": "greeting"}
+"""States that the tables call otherwise."""
 REWEIGHTED = 20
 FACTORS = (0.5, 2.0)
 LINGERS = (0.0, 2.0, 10.0, 60.0)
@@ -88,26 +94,30 @@ def reductions(base: RunResult, rorg: RunResult, asked: Trace) -> dict[str, floa
     }
 
 
-def of_one_seed(catalog: Catalog, asked: Trace, workload: Workload, seed: int) -> dict[str, float]:
-    """The figures of one pair of runs: percent, cores, GB and seconds."""
-    return row_of(*both(catalog, asked, workload, seed), asked)
+def declared(catalog: Catalog) -> dict[str, float]:
+    """Cores and GB of everything that can run together, with every program in use: the paper's totals."""
+    services = [one for name, one in catalog.services.items() if name != NEVER_TOGETHER]
+    return {"cores": sum(one.cpu for one in services), "gb": sum(one.memory for one in services) / 1e9}
 
 
 def row_of(base: RunResult, rorg: RunResult, asked: Trace) -> dict[str, float]:
-    """The same from two finished runs."""
+    """The figures of one pair of runs: percent, cores and GB."""
     before, now = active_time(base, asked), active_time(rorg, asked)
-    times = sorted(r.seconds for r in rorg.responses if r.seconds is not None)
     return {
         **reductions(base, rorg, asked),
         "cores_all_on": before[0],
         "cores_rorg": now[0],
         "gb_all_on": before[1] / 1e9,
         "gb_rorg": now[1] / 1e9,
-        "ready_median": median(times),
-        "ready_p95": times[int(0.95 * len(times))],
-        "never_ready": float(len(rorg.responses) - len(times)),
         "violations": float(len(rorg.violations)),
     }
+
+
+def waits(runs: Iterable[RunResult]) -> dict[str, Any]:
+    """How long requests took until everything in them was ready, by state: all runs together, in seconds."""
+    responses = tuple(one for run in runs for one in run.responses)
+    found = summary(RunResult("rorg", 1.0, (), responses))["responses"]
+    return {STATES.get(name, name): times for name, times in found.items()}
 
 
 def spread(rows: Iterable[Mapping[str, float]]) -> dict[str, dict[str, float]]:
@@ -119,7 +129,7 @@ def spread(rows: Iterable[Mapping[str, float]]) -> dict[str, dict[str, float]]:
     return {
         name: {
             "mean": round(mean(values), 4),
-            "deviation": round(stdev(values), 4) if len(values) > 1 else 0.0,
+            "deviation": round(stdev(values), 4),
             "least": round(min(values), 4),
             "most": round(max(values), 4),
         }
@@ -172,7 +182,7 @@ def idle_parts(catalog: Catalog, asked: Trace, workload: Workload) -> dict[str, 
 
 def at_random(catalog: Catalog, asked: Trace, workload: Workload) -> dict[str, Any]:
     """Reductions with random weights: every division of the same totals is equally likely."""
-    names = sorted(n for n, s in catalog.services.items() if not s.meta and n != "cartographer")
+    names = sorted(n for n, s in catalog.services.items() if not s.meta and n != NEVER_TOGETHER)
     totals = sum(catalog.services[n].cpu for n in names), sum(catalog.services[n].memory for n in names)
     rng, rows = random.Random("reweighting"), []
     # A service that takes no CPU stays at zero.
@@ -197,14 +207,15 @@ def idling(catalog: Catalog, said: Mapping[str, Any]) -> Catalog:
 
 
 def of_policies(catalog: Catalog, asked: Trace, workload: Workload) -> dict[str, Any]:
-    """Reductions with different idle actions and lingering, and how long requests then take."""
+    """Reductions with different idle actions and lingering, and how long greetings and tours then wait."""
     own: dict[str, dict[str, Any]] = {f"all {action}": {"action": action} for action in ACTIONS}
     own |= {f"linger {linger:g} s": {"linger": linger} for linger in LINGERS}
     policies = {name: idling(catalog, said) for name, said in own.items()}
     found = {}
     for name, changed in policies.items():
-        row = of_one_seed(changed, asked, workload, 1)
-        found[name] = {k: row[k] for k in ("cpu", "memory", "ready_median", "ready_p95")}
+        base, rorg = both(changed, asked, workload, 1)
+        row, waiting = reductions(base, rorg, asked), waits([rorg])
+        found[name] = {k: row[k] for k in ("cpu", "memory")} | {k: waiting[k]["median"] for k in ("greeting", "tour")}
     return found
 
 
@@ -214,10 +225,11 @@ def of_policies(catalog: Catalog, asked: Trace, workload: Workload) -> dict[str,
 def figures() -> dict[str, Any]:
     """All figures of the evaluation."""
     catalog, workload, hour = robot(), weights(), trace("hour")
-    found: dict[str, Any] = {"synthetic": True, "seeds": list(SEEDS)}
+    found: dict[str, Any] = {"synthetic": True, "seeds": list(SEEDS), "declared": rounded(declared(catalog))}
     for name in TRACES:
-        rows = [of_one_seed(catalog, trace(name), workload, seed) for seed in SEEDS]
-        found[name] = {**spread(rows), "first": rounded(rows[0])}
+        pairs = [both(catalog, trace(name), workload, seed) for seed in SEEDS]
+        rows = [row_of(*pair, trace(name)) for pair in pairs]
+        found[name] = {**spread(rows), "waits": rounded(waits(rorg for _, rorg in pairs)), "first": rounded(rows[0])}
     found["sensitivity"] = rounded(
         {
             "classes": of_classes(catalog, hour, workload),
@@ -245,6 +257,38 @@ def plots() -> None:
     emulated.plot()
 
 
+def headline_table(found: Mapping[str, Any]) -> str:
+    """What the evaluation says, what that rests on, and what is not known."""
+    day, told = found["day"], found["sensitivity"]
+    cpu, memory = (day[what]["mean"] for what in ("cpu", "memory"))
+    idle = [row["cpu"] for row in told["idle use"].values()]
+    actions = [told["policies"][f"all {action}"]["memory"] for action in ("pause", "stop")]
+    random_cpu, waiting, kind = told["random"]["cpu"], day["waits"], "simulated day, synthetic"
+    return "\n".join(
+        [
+            "| | everything on | rorg | what this is |",
+            "|---|---|---|---|",
+            f"| CPU | {_both(day, 'cores', 'cores')} (-{cpu:.0f} %) | {kind}; calibrated to "
+            f"{found['declared']['cores']} cores with every program in use |",
+            "| the same, if unused programs take none to all of their CPU | | "
+            f"{min(idle):.0f} to {max(idle):.0f} % less | simulated hour, synthetic |",
+            f"| the same, if the CPU is divided at random among services | | {random_cpu['least']:.0f} to "
+            f"{random_cpu['most']:.0f} % less | simulated hour, synthetic |",
+            f"| memory | {_both(day, 'gb', 'GB')} (-{memory:.0f} %) | {kind} |",
+            f"| the same, if all idle services pause, or all stop | | {actions[0]:.0f} or {actions[1]:.0f} % less "
+            "| simulated hour, synthetic |",
+            f"| wait for a greeting, median | none | {waiting['greeting']['median']:.1f} s | {kind} |",
+            f"| wait for a tour, median | none | {waiting['tour']['median']:.1f} s | {kind} |",
+            *emulated.headline_rows(),
+            "| on a robot | not known | not known | we have no robot |",
+        ]
+    )
+
+
+def _both(of: Mapping[str, Any], what: str, unit: str) -> str:
+    return " | ".join(f"{of[f'{what}_{how}']['mean']:.2f} {unit}" for how in ("all_on", "rorg"))
+
+
 def reduction_table(found: Mapping[str, Any]) -> str:
     lines = ["| | CPU | memory |", "|---|---|---|"]
     for name, (cpu, memory) in PAPER.items():
@@ -258,21 +302,31 @@ def reduction_table(found: Mapping[str, Any]) -> str:
 
 
 def _percent(one: Mapping[str, float]) -> str:
-    return f"-{one['mean']:.1f} % (± {one['deviation']:.1f})"
+    return f"-{one['mean']:.1f} %"
 
 
 def use_table(found: Mapping[str, Any]) -> str:
+    declared = found["declared"]
     lines = [
-        "| trace | all on | rorg | ready after, median | 95 % | never ready | violations |",
-        "|---|---|---|---|---|---|---|",
+        "| trace | all on, every program in use | all on | rorg | violations |",
+        "|---|---|---|---|---|",
     ]
     for name in TRACES:
-        of = {k: v["mean"] for k, v in found[name].items() if k != "first"}
+        of = {k: v["mean"] for k, v in found[name].items() if "mean" in v}
         lines.append(
-            f"| {name} | {of['cores_all_on']:.2f} cores, {of['gb_all_on']:.2f} GB "
-            f"| {of['cores_rorg']:.2f} cores, {of['gb_rorg']:.2f} GB "
-            f"| {of['ready_median']:.2f} s | {of['ready_p95']:.2f} s | {of['never_ready']:g} | {of['violations']:g} |"
+            f"| {name} | {declared['cores']:.2f} cores, {declared['gb']:.2f} GB "
+            f"| {of['cores_all_on']:.2f} cores, {of['gb_all_on']:.2f} GB "
+            f"| {of['cores_rorg']:.2f} cores, {of['gb_rorg']:.2f} GB | {of['violations']:g} |"
         )
+    return "\n".join(lines)
+
+
+def waits_table(found: Mapping[str, Any]) -> str:
+    lines = ["| trace | request | number | median | 95 % | longest | never ready |", "|---|---|---|---|---|---|---|"]
+    for name in TRACES:
+        for state, one in found[name]["waits"].items():
+            times = " | ".join(f"{one[k]:.2f} s" for k in ("median", "p95", "most"))
+            lines.append(f"| {name} | {state} | {one['count']} | {times} | {one['never']} |")
     return "\n".join(lines)
 
 
@@ -297,39 +351,45 @@ def _range(ends: tuple[float, float]) -> str:
 
 def policy_table(found: Mapping[str, Any]) -> str:
     lines = [
-        "| policy of all that is not always on | CPU | memory | ready after, median | 95 % |",
+        "| policy of all that is not always on | CPU | memory | greeting waits, median | tour waits, median |",
         "|---|---|---|---|---|",
     ]
     for name, row in found["sensitivity"]["policies"].items():
-        times = f"{row['ready_median']:.2f} s | {row['ready_p95']:.2f} s"
+        times = f"{row['greeting']:.2f} s | {row['tour']:.2f} s"
         lines.append(f"| {name} | -{row['cpu']:.1f} % | -{row['memory']:.1f} % | {times} |")
     return "\n".join(lines)
 
 
 TABLES: Mapping[str, Callable[[Mapping[str, Any]], str]] = {
+    "headline": headline_table,
     "reductions": reduction_table,
     "use": use_table,
+    "waits": waits_table,
     "sensitivity": sensitivity_table,
     "policies": policy_table,
     "emulation": lambda _: emulated.table(),
 }
+PAGES = {PAGE: tuple(TABLES), README: ("headline",)}
+"""Page -> its tables."""
 
 
-def page(text: str, found: Mapping[str, Any]) -> str:
-    """The text of the page with tables from these figures."""
-    for name, table in TABLES.items():
+def page(path: Path, found: Mapping[str, Any]) -> str:
+    """The text of a page with tables from these figures."""
+    text = path.read_text(encoding="utf-8")
+    for name in PAGES[path]:
         begin, end = BEGIN.format(name), END.format(name)
         before, _, rest = text.partition(begin)
         _, marked, after = rest.partition(end)
         assert marked, f"no markers for {name}"
-        text = f"{before}{begin}\n\n{table(found)}\n\n{end}{after}"
+        text = f"{before}{begin}\n\n{TABLES[name](found)}\n\n{end}{after}"
     return text
 
 
 def main() -> None:
     found = figures()
     FIGURES.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
-    PAGE.write_text(page(PAGE.read_text(encoding="utf-8"), found), encoding="utf-8")
+    for path in PAGES:
+        path.write_text(page(path, found), encoding="utf-8")
     plots()
 
 

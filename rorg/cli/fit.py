@@ -32,22 +32,23 @@ def percent(text: str) -> float:
     return value
 
 
+Since = Annotated[str | None, Option("Start: 2h (ago), or 2026-01-31T12:00:00Z. Default: 7d.", parser=moment)]
+Margin = Annotated[
+    float,
+    Option("Margin on top of the measured use. Default: 10%.", parser=percent, metavar="PERCENT", show_default=False),
+]
+WorkloadFile = Annotated[
+    Path | None,
+    Option("Write a Workload of measured start, resume and stop times, for `rorg simulate`.", completes=FILES),
+]
+
+
 def command(
     context: Tree,
     services: Annotated[list[str] | None, Argument("Services. Default: all.", completes=SERVICES)] = None,
-    since: Annotated[
-        str | None, Option("Start: 2h (ago), or 2026-01-31T12:00:00Z. Default: 7d.", parser=moment)
-    ] = None,
-    margin: Annotated[
-        float,
-        Option(
-            "Margin on top of the measured use. Default: 10%.", parser=percent, metavar="PERCENT", show_default=False
-        ),
-    ] = 0.1,
-    workload: Annotated[
-        Path | None,
-        Option("Write a Workload of measured start, resume and stop times, for `rorg simulate`.", completes=FILES),
-    ] = None,
+    since: Since = None,
+    margin: Margin = 0.1,
+    workload: WorkloadFile = None,
     write: Annotated[bool, Option("Write it into the manifests, as `rorg edit` does.")] = False,
     output: Annotated[
         str, Option("diff, table, wide, name, yaml or json.", names=("-o", "--output"), choices=("diff", *FORMS))
