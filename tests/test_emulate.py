@@ -141,7 +141,7 @@ def busy_loops() -> Iterator[None]:
 @pytest.mark.parametrize("form", ["table", "json"])
 def test_beside_two_busy_loops_it_ends_with_an_error_and_no_figure(tmp_path, files, form):
     saved, picture = tmp_path / "saved.json", tmp_path / "picture.svg"
-    args = ("--engine", "process", "--compress", 4, "--pairs", 1, "--scale", 1)
+    args = ("--engine", "process", "--compress", 8, "--pairs", 1, "--scale", 1)
     process = emulate(tmp_path, *files, *args, "--save", saved, "--plot", picture, "-o", form)
     output, told = process.communicate(timeout=120)
     assert (process.returncode, output) == (Exit.REFUSED, ""), told
@@ -152,6 +152,24 @@ def test_beside_two_busy_loops_it_ends_with_an_error_and_no_figure(tmp_path, fil
     assert not picture.exists()
     check_refused(json.loads(saved.read_text()), output, told)
     assert left_behind(tmp_path / "temporary", PREFIX) == []
+
+
+def test_a_stand_in_that_does_not_get_its_cpu_makes_the_run_invalid(tmp_path, files):
+    """It wants more than the machine has."""
+    trace, tree = files
+    arm, saved = tree / "services/arm.yaml", tmp_path / "saved.json"
+    manifest = yaml.safe_load(arm.read_text())
+    manifest["spec"]["resources"]["cpu"] = 1.5 * (os.cpu_count() or 1)
+    arm.write_text(yaml.safe_dump(manifest))
+    args = ("--engine", "process", "--compress", 8, "--pairs", 1, "--scale", 1, "--save", saved)
+    process = emulate(tmp_path, trace, tree, *args)
+    output, told = process.communicate(timeout=120)
+    assert process.returncode == Exit.REFUSED, told
+    result = json.loads(saved.read_text())
+    check_refused(result, output, told)
+    assert "starved" in {flaw["code"] for flaw in result["runs"][0]["invalid"]}
+    arm_got = result["runs"][0]["stand_ins"]["arm"]
+    assert 0 < arm_got["got"] < 0.95 * arm_got["wanted"]
 
 
 def tags(api) -> set[str]:
