@@ -86,8 +86,8 @@ class NeverReady:
 
     @property
     def why(self) -> str:
-        counted = Counter(one.state or one.id for one in self.responses)
-        named = ", ".join(f"{number} of {name}" for name, number in counted.most_common(NAMED))
+        by_state = Counter(one.state or one.id for one in self.responses)
+        named = ", ".join(f"{number} of {name}" for name, number in by_state.most_common(NAMED))
         return f"{len(self.responses)} of {self.requests} requests never became ready ({named})"
 
 
