@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -53,7 +54,8 @@ def command(
 
 
 def _write(exported: Exported, output: Path, force: bool) -> None:
-    """Writes the file and the files that it names; those with secrets only for their owner."""
+    """Writes the file and before it those that it names, each in one step; those with secrets only for their owner."""
+    from rorg.store.files import clear_leftovers, write_atomic
     from rorg.tools.compose.writer_text import write
 
     texts = {output: write(exported), **{output.parent / name: text for name, text in exported.files.items()}}
@@ -62,10 +64,10 @@ def _write(exported: Exported, output: Path, force: bool) -> None:
         raise Refused("export the robot", f"{', '.join(there)} exists already", "--force, or another --output")
     with disk_errors(f"write {output}", "another --output"):
         output.parent.mkdir(parents=True, exist_ok=True)
-        for path, text in texts.items():
-            path.unlink(missing_ok=True)
-            path.touch(0o600 if path.suffix == ".env" else 0o644)
-            path.write_text(text)
+        os.umask(mask := os.umask(0))
+        for path, text in reversed(texts.items()):
+            clear_leftovers(path.parent, path.name)
+            write_atomic(path, text, mode=0o600 if path.suffix == ".env" else 0o644 & ~mask)
 
 
 def _tell(exported: Exported, output: Path | None, form: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -111,6 +112,8 @@ def _prune(robot: _Robot, keep: int | None, dry_run: bool, yes: bool, output: st
     going = [image for image in robot.kept(keep) if not image.reasons]
     _print(going, output)
     freed = format_memory(sum(image.freed for image in going))
+    if not dry_run:
+        robot.records.forget(_lost(robot, keep))
     if dry_run or not going:
         note(f"{counted(len(going), 'image')} would be removed, {freed}" if going else "nothing to remove")
         return
@@ -130,8 +133,16 @@ def _prune(robot: _Robot, keep: int | None, dry_run: bool, yes: bool, output: st
     note(f"{counted(len(going), 'image')} removed, {freed} freed")
 
 
+def _lost(robot: _Robot, keep: int | None) -> set[str]:
+    """References on record that the engine no longer has and nothing wants: an earlier prune was killed."""
+    used = robot.records.revisions()[: keep or robot.catalog.policy.images.keep]
+    wanted = {*robot.content.references.values(), *(r for revision in used for r in revision)}
+    return robot.engine.missing_images({b.reference for b in robot.records.built().values()} - wanted)
+
+
 def _save(robot: _Robot, path: Path, names: list[str]) -> None:
     from rorg.images.archive import write_archive
+    from rorg.store.files import sync
 
     for name in names:
         if not declared(name, robot.catalog.images):
@@ -150,8 +161,11 @@ def _save(robot: _Robot, path: Path, names: list[str]) -> None:
             robot.engine.save_images(references) as blocks,
         ):
             write_archive(blocks, saved, file)
+            file.flush()
+            os.fsync(file.fileno())
         with disk_errors(f"write {path}", "another place"):
             part.replace(path)
+            sync(path.parent)
     finally:
         part.unlink(missing_ok=True)
     note(f"{counted(len(references), 'image')} in {path}")

@@ -80,11 +80,12 @@ class Records:
     def forget(self, references: Iterable[str]) -> None:
         """Records that these were removed from the machine. Raises OSError."""
         gone = set(references)
-        self._change(
-            lambda content: {
-                "built": {i: e for i, e in _entries(content).items() if _mapping(e).get("reference") not in gone}
-            }
-        )
+        if gone:
+            self._change(
+                lambda content: {
+                    "built": {i: e for i, e in _entries(content).items() if _mapping(e).get("reference") not in gone}
+                }
+            )
 
     def _change(self, edit: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
         with locked(self.folder / LOCK):

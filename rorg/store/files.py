@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import fcntl
+import glob
 import os
 import re
 import stat
@@ -88,28 +89,28 @@ def write_atomic(
         raise
     placed()
     if durable:
-        _sync_names(path.parent)
+        sync(path.parent)
 
 
 def remove_durably(path: Path) -> None:
     """Remove a file, and wait until the disk knows. Raises OSError."""
     path.unlink()
-    _sync_names(path.parent)
+    sync(path.parent)
 
 
-def _sync_names(directory: Path) -> None:
-    """Wait until the disk has the names in a directory."""
-    descriptor = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
+def sync(path: Path) -> None:
+    """Wait until the disk has the contents of a file, or the names in a directory. Raises OSError."""
+    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     try:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
 
 
-def clear_leftovers(directory: Path) -> None:
-    """Remove what a killed write_atomic() left in a directory. Names of such files contain the process; our own number
-    there is of an earlier process."""
-    for path in directory.glob(".*"):
+def clear_leftovers(directory: Path, name: str = "") -> None:
+    """Remove what a killed write_atomic() left in a directory, of the file with this name or of all. Names of such
+    files contain the process; our own number there is of an earlier process."""
+    for path in directory.glob(f".{glob.escape(name)}.*" if name else ".*"):
         match = LEFTOVER.fullmatch(path.name)
         if match and (int(match[1]) == os.getpid() or not os.path.exists(f"/proc/{match[1]}")):
             path.unlink(missing_ok=True)

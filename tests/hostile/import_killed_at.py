@@ -1,5 +1,6 @@
-"""`rorg` that kills itself just before the n-th step of writing what it imports: a directory is made, or a file is
-opened for writing, renamed or removed. Usage: import_killed_at.py N COMMAND..."""
+"""`rorg` that kills itself just before the n-th step of writing what it imports or exports, below the working
+directory: a directory is made, or a file is opened for writing, renamed or removed. Usage: import_killed_at.py N
+COMMAND..."""
 
 from __future__ import annotations
 
@@ -18,7 +19,7 @@ def hook(event: str, args: tuple) -> None:
         return
     known = event in ("open", "os.rename", "os.remove", "os.rmdir", "os.mkdir")
     path = str(args[0]) if known else ""
-    if known and "manifests" in path and (here in os.path.abspath(path)):
+    if known and here in os.path.abspath(path):
         left -= 1
         if left < 0:
             os.kill(os.getpid(), signal.SIGKILL)

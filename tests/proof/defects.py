@@ -55,7 +55,7 @@ DEFECTS = (
     defect(
         "directory without fsync",
         "request",
-        ("store/files.py", "    if durable:\n        _sync", "    if False:\n        _sync"),
+        ("store/files.py", "    if durable:\n        sync", "    if False:\n        sync"),
     ),
     defect(
         "written in place",

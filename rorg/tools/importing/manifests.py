@@ -20,6 +20,7 @@ from rorg.manifest.schema import write as write_schemas
 from rorg.manifest.yaml_text import one_line, yaml_text
 from rorg.model.diagnostics import Diagnostic
 from rorg.model.image_names import stem
+from rorg.store.files import sync
 
 FOLDERS = {
     "Service": "services",
@@ -121,8 +122,11 @@ def write_tree(imported: Imported, output: Path) -> None:
     part.mkdir()
     try:
         _fill(part, imported)
+        for path in (*part.rglob("*"), part):
+            sync(path)
         if fresh:
             part.rename(output)
+            sync(around)
         else:
             _move(sorted(p.relative_to(part) for p in part.rglob("*") if not p.is_dir()), part, output)
     finally:
@@ -137,8 +141,6 @@ def _fill(part: Path, imported: Imported) -> None:
         descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode)
         with open(descriptor, "w", encoding="utf-8") as file:
             file.write(text)
-            file.flush()
-            os.fsync(descriptor)
     write_schemas(part / "schemas", check=False)
 
 
@@ -146,6 +148,7 @@ def _move(names: Iterable[Path], part: Path, output: Path) -> None:
     for name in names:
         (output / name).parent.mkdir(parents=True, exist_ok=True)
         os.replace(part / name, output / name)
+        sync((output / name).parent)
 
 
 def _clear(folder: Path) -> None:
