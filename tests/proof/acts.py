@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import contextlib
 import os
+import signal
 from typing import Any
 
 import commands
 from conftest import wait_for
 from robots import write_tree
-from world import PATIENCE, Died, World
+from world import PATIENCE, PROGRAM, Died, Prepared, World, outcomes_of
 
 from rorg.client import Error, NotFound, Refused
 from rorg.core.observed import Container
 
+ALONE = ("export", "import")
+"""Commands that read no state directory."""
 HAND = """requests:
 - id: {id}
   services: [{services}]
@@ -71,6 +74,28 @@ class Acts(World):
         self.engine.log.add("told", text=f"{' '.join(words)}: exit code {done.returncode} {done.stderr[-200:]}")
         if done.returncode:
             self.when_alive(lambda: False if self._served() else None, done.stderr)
+
+    def killed_command(self, *words: str, code: int = 0) -> None:
+        """A command of rorg that is killed at the point of the case. Raises Died if it was."""
+        (point, side), self.aim = self.aim, (0, "after")
+        for path in (self.command_trace, outcomes_of(self.command_trace)):
+            path.unlink(missing_ok=True)
+        environment = {**self.environment(point, side), "PROOF_TRACE": str(self.command_trace)}
+        with (self.folder / "rorg.log").open("ab") as log:
+            files = {"stdout": log, "stderr": log, "program": PROGRAM}
+            command = [*words, *(["--state-dir", str(self.state.path)] if words[0] not in ALONE else [])]
+            process = Prepared(command, environment, self.folder, **files)  # type: ignore[arg-type]
+        ended = process.wait(PATIENCE)
+        self.engine.log.add("told", text=f"{' '.join(words)}: exit code {ended}")
+        if ended == -signal.SIGKILL:
+            raise Died(" ".join(words))
+        assert ended == code, f"{' '.join(words)} ends with {ended}"
+
+    def load(self, memory: int) -> None:
+        """Programs outside rorg use so many bytes from now on."""
+        with self.engine.lock:
+            self.engine.used = memory
+            self.engine.log.add("load", text=f"{memory >> 20} MiB")
 
     def refused(self, name: str) -> None:
         """Wait until its change was taken back."""

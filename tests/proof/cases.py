@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from acts import Acts as World
-from effects import SIDES
+from effects import ORDERED, SIDES
 from promises import Story, violations
 from world import Died
 
@@ -33,6 +33,8 @@ class Scenario:
     steps: tuple[Step, ...]
     ends: bool = False
     """rorg ends by itself at the end."""
+    command: bool = False
+    """A command is killed, and not the rorg that runs."""
 
 
 @dataclass
@@ -73,7 +75,8 @@ class Player:
         for step in self.scenario.steps:
             step(self.world)
         end = self._end()
-        effects = self.world.effects()
+        effects = self.world.effects(self.scenario.command)
+        self.outcomes = self.world.outcomes(self.scenario.command)
         self.world.kill()
         self.world.check_requests()
         story = self.world.story(end, None)
@@ -87,11 +90,18 @@ class Player:
                 if side != "power" or JOURNAL not in what:
                     yield number, side
 
+    def reordered(self) -> Iterator[tuple[int, str]]:
+        """Every outcome of a loss of power after each effect."""
+        for number, what in enumerate(self.effects, 1):
+            for outcome in range(self.outcomes.get(number, 0) if JOURNAL not in what else 0):
+                yield number, f"{ORDERED}{outcome}"
+
     def play(self, point: int, side: str, show: bool = False) -> Result:
         """One case. With `twice`, the rorg after the kill is killed too, at a point that it draws."""
         began, world = time.monotonic(), self.world
         world.restore()
-        world.start(point, side)
+        world.start(*((0, "after") if self.scenario.command else (point, side)))
+        world.aim = point, side
         end: dict[str, Any] = {}
         try:
             for step in self.scenario.steps:
@@ -125,25 +135,31 @@ class Player:
 
     def _killed(self) -> None:
         """Kill it now if it has not been yet, and go on."""
-        if not self.world.deaths:
+        if not self.world.deaths and not self.scenario.command:
             self.world.kill()
             self._recover()
 
     def _recover(self) -> None:
-        world = self.world
+        world, of_command = self.world, self.scenario.command
         world.deaths += 1
         assert world.process is not None
-        code = world.process.wait(30)
-        world.engine.log.add("died", text=f"exit code {code}, after {(world.effects() or ['nothing'])[-1]}")
+        code = -9 if of_command else world.process.wait(30)
+        world.engine.log.add("died", text=f"exit code {code}, after {(world.effects(of_command) or ['nothing'])[-1]}")
         if world.deaths > MOST_DEATHS:
             raise RuntimeError("rorg dies again and again")
         world.check_requests()
+        world.check_written(self.reference.end["written"])
+        if of_command:
+            return
         if self.twice and world.deaths == 1:
             world.start(self.twice.randint(1, len(self.effects)), self.twice.choice(SIDES))
         else:
             world.start()
 
     def _end(self) -> dict[str, Any]:
+        if self.scenario.command:  # the next rorg clears up what a killed command left in the state directory
+            self.world.kill()
+            self.world.start()
         if not self.scenario.ends:
             return self.world.rest()
         self.world.when_gone()

@@ -2,7 +2,8 @@
 
 An effect is a change of a file in the state directory or the tree, a commit of the journal, a call that changes
 something in the engine, a git command that changes something, or an answer to a client that changed something. A point
-is the number of an effect and a side: `before`, `after`, or `power`, which also loses what no fsync has secured.
+is the number of an effect and a side: `before`, `after`, or `power`, which also loses what no fsync has secured. The
+sides `power-0`, `power-1` and so on lose it in other ways: see disk.py.
 """
 
 from __future__ import annotations
@@ -16,61 +17,29 @@ import sqlite3
 import subprocess
 import threading
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
+from disk import Disk
+
 SIDES = ("before", "after", "power")
+ORDERED = "power-"
+"""Before the number of an outcome."""
 GIT_READS = ("rev-parse", "cat-file", "log", "show", "status", "ls-files", "ls-tree", "diff", "for-each-ref", "config")
 GIT_READS += ("check-ignore", "version", "--version", "symbolic-ref", "show-ref", "ls-remote", "merge-base", "var")
 """Commands of git that change nothing."""
-OPEN = io.open
-"""Without counting."""
 COMMITS = ("COMMIT", "PRAGMA wal_checkpoint")
 
 
-class Disk:
-    """What a loss of power would undo: contents that no fsync followed, and names in directories without fsync."""
-
-    def __init__(self) -> None:
-        self.unsynced: set[str] = set()
-        self.former: dict[str, bytes | None] = {}
-        """Renamed or removed file -> what is there again after a loss of power."""
-
-    def keep(self, path: str) -> None:
-        if path not in self.former:
-            try:
-                self.former[path] = Path(path).read_bytes()
-            except OSError:
-                self.former[path] = None
-
-    def synced(self, path: str) -> None:
-        if os.path.isdir(path):
-            self.former = {p: old for p, old in self.former.items() if os.path.dirname(p) != path}
-        self.unsynced.discard(path)
-
-    def lose(self) -> None:
-        """Leave the disk as a loss of power may: a new name without its content, or the old name and content."""
-        for path in filter(os.path.isfile, tuple(self.unsynced)):  # other threads go on until they are killed
-            with contextlib.suppress(FileNotFoundError):
-                os.truncate(path, 0)
-        for path, old in tuple(self.former.items()):
-            if path in self.unsynced:
-                continue
-            if old is None:
-                Path(path).unlink(missing_ok=True)
-            else:
-                with OPEN(path, "wb") as file:
-                    file.write(old)
-
-
 class Effects:
-    """Counts the effects below `roots`; kills this process at number `point` on a `side`. `trace` gets a line each."""
+    """Counts the effects below `roots`; kills this process at number `point` on a `side`. `trace` gets a line each, and
+    without a point the file beside it how many outcomes a loss of power has after each."""
 
     def __init__(self, roots: tuple[str, ...], point: int, side: str, trace: str) -> None:
         self.roots, self.point, self.side = tuple(os.path.realpath(r) + "/" for r in roots), point, side
         self.number, self.disk = 0, Disk()
         self._lock = threading.RLock()
         self._trace = os.open(trace, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC)
+        self._outcomes = -1 if point else os.open(f"{trace}.outcomes", os.O_WRONLY | os.O_CREAT | os.O_APPEND)
         self._write = os.write
 
     @contextlib.contextmanager
@@ -78,19 +47,24 @@ class Effects:
         """Around everything that counts."""
         with self._lock:
             self.number += 1
-            mine = self.number == self.point
+            number, mine = self.number, self.number == self.point
             self._write(self._trace, f"{self.number} {what}\n".encode())
             if mine and self.side == "before":
                 self._die()
         yield
-        if mine:
-            with self._lock:
+        with self._lock:
+            if self._outcomes >= 0:
+                self._write(self._outcomes, f"{number} {len(self.disk.outcomes(number))}\n".encode())
+            if mine:
                 self._die()
 
     def _die(self) -> None:
         if self.side == "power":
-            self.point = 0
             self.disk.lose()
+        elif self.side.startswith(ORDERED):
+            outcomes = self.disk.outcomes(self.point)
+            if outcomes:
+                self.disk.leave(outcomes[int(self.side.removeprefix(ORDERED)) % len(outcomes)])
         os.kill(os.getpid(), signal.SIGKILL)
         signal.pause()
 
@@ -128,9 +102,10 @@ class Effects:
             if not place or (verb in ("unlink", "remove") and not os.path.lexists(place)):
                 return real(path, *args, **more)
             with self.effect(f"{verb} {place}"):
-                if verb in ("unlink", "remove") and os.path.isfile(place):
-                    self.disk.keep(place)
-                return real(path, *args, **more)
+                self.disk.keep(place)
+                done = real(path, *args, **more)
+                (self.disk.made if verb == "mkdir" else self.disk.removed)(place)
+                return done
 
         return call
 
@@ -140,12 +115,10 @@ class Effects:
             if not new:
                 return real(source, target, **more)
             with self.effect(f"{verb} {new}"):
-                self.disk.keep(new)
+                self.disk.keep(*filter(None, (old, new)))
                 done = real(source, target, **more)
-                if old in self.disk.unsynced:
-                    self.disk.unsynced = self.disk.unsynced - {old} | {new}
-                else:
-                    self.disk.unsynced.discard(new)
+                if verb in ("rename", "replace") and old:
+                    self.disk.renamed(old, new)
                 return done
 
         return call
@@ -158,8 +131,10 @@ class Effects:
             if not place or os.path.exists(place):
                 return real_open(path, flags, *args, **more)
             with self.effect(f"create {place}"):
-                self.disk.unsynced.add(place)
-                return real_open(path, flags, *args, **more)
+                self.disk.keep(place)
+                descriptor = real_open(path, flags, *args, **more)
+                self.disk.created(place)
+                return descriptor
 
         def fdopen(descriptor: int, mode: str = "r", *args: Any, **more: Any) -> Any:
             file = real_fdopen(descriptor, mode, *args, **more)
@@ -185,8 +160,11 @@ class Effects:
             if not place:
                 return real(path, mode, *args, **more)
             with self.effect(f"open {place}"):
-                self.disk.unsynced.add(place)
-                return Written(self, place, real(path, mode, *args, **more))
+                self.disk.keep(place)
+                new = not os.path.exists(place)
+                file = real(path, mode, *args, **more)
+                (self.disk.created if new else self.disk.wrote)(place)
+                return Written(self, place, file)
 
         io.open = builtins.open = opened  # type: ignore[assignment]
 
@@ -258,8 +236,8 @@ class Written:
         if self._pending:
             self._pending = False
             with self._effects.effect(f"write {self._place}"):
-                self._effects.disk.unsynced.add(self._place)
                 self._file.flush()
+                self._effects.disk.wrote(self._place)
 
     def close(self) -> None:
         self.flush()

@@ -18,6 +18,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from image_store import ImageStore
+
 from rorg.core.observed import Container, FoundObjects
 from rorg.engines.protocol import NONE, Usage
 from rorg.errors import EngineError, Unreachable
@@ -25,8 +27,10 @@ from rorg.model.engines import Capabilities
 from rorg.tools.sim.engine import EPOCH, SimEngine
 
 CHANGES = ("create", "start", "stop", "signal", "remove", "pause", "resume", "rename", "update")
-CHANGES += ("make_object", "remove_object")
+CHANGES += ("make_object", "remove_object", "build_image", "tag_image", "remove_image")
 ASKS = ("exec", "ping")
+MEMORY = 8 << 30
+"""Bytes of memory of the machine."""
 
 
 @dataclass(frozen=True)
@@ -67,18 +71,45 @@ class EngineWorld:
         self.sim = SimEngine(owner, lambda: time.time() - EPOCH)
         self.sim.answers.update(answers)
         self.log, self.lock = Log(), threading.RLock()
+        self.images = ImageStore(lambda: {self.made_from.get(id, "") for id in self.sim.containers})
+        self.made_from: dict[str, str] = {}
+        """Container -> reference of its image."""
+        self.used = 0
+        """Bytes of memory that programs outside rorg use, of MEMORY."""
 
     def call(self, verb: str, args: tuple[Any, ...], more: dict[str, Any]) -> Any:
         with self.lock:
             target = str(args[0]) if args else ""
             before = self.sim.containers.get(target)
-            result = getattr(self.sim, verb)(*args, **more)
+            text = "again" if verb == "build_image" and self.images.find(target) else ""
+            result = self._target(verb)(*args, **more)
             if verb in CHANGES or verb == "exec":
                 made = self.sim.containers.get(result) if verb == "create" else before
-                text = f"{result[0]}" if verb == "exec" else ""
+                text = f"{result[0]}" if verb == "exec" else text
                 name, id_ = (made.service, made.id) if made else ("", target)
                 self.log.add(verb, name, id_, text, containers=dict(self.sim.containers))
+            if verb == "create":
+                self.made_from[result] = str(args[1].get("image", ""))
             return result
+
+    def take_over(self, other: EngineWorld) -> None:
+        """The images, and what uses memory."""
+        self.images.images, self.made_from = dict(other.images.images), dict(other.made_from)
+        self.images.skip(len(self.images.images))
+        self.sim.needs.update(other.sim.needs)
+
+    def _target(self, verb: str) -> Any:
+        own = {"load": self.load, "usage": self.usage, "images": self.images.listed, "save_images": self.images.saved}
+        return own.get(verb) or getattr(self.images if "image" in verb else self.sim, verb)
+
+    def usage(self, containers: Sequence[Container]) -> dict[str, Usage]:
+        return self.sim.usage(containers) if self.sim.needs else {}
+
+    def load(self) -> dict[str, float]:
+        """The machine's, as rorg.host.load.machine() returns it; nothing uses its CPU."""
+        own = sum(self.sim.needs.get(c.service, (0, 0))[1] for c in self.sim.containers.values() if c.alive)
+        memory = {"memory": self.used + own, "memory_total": MEMORY}
+        return {"cpu_seconds": 0.0, "cores": 4, **memory, "cpu_some": 0.0, "memory_some": 0.0}
 
 
 def send(connection: socket.socket, value: Any) -> None:
@@ -201,7 +232,7 @@ class RemoteEngine:
             connection.shutdown(socket.SHUT_RDWR)
 
     def usage(self, containers: Sequence[Container]) -> dict[str, Usage]:
-        return {}
+        return self._call("usage", list(containers))
 
     def create(
         self, name: str, spec: Mapping, labels: Mapping, before: str = "", defaults: Collection[str] = ()

@@ -48,8 +48,8 @@ def settled(*first: Step) -> Step:
     return given
 
 
-def scenario(name: str, given: Step, *steps: Step, ends: bool = False) -> None:
-    SCENARIOS[name] = Scenario(name, given, steps, ends)
+def scenario(name: str, given: Step, *steps: Step, ends: bool = False, command: bool = False) -> None:
+    SCENARIOS[name] = Scenario(name, given, steps, ends, command)
 
 
 BASE, ARM = always(), always(needs=["base"])

@@ -92,6 +92,25 @@ def made_of(story: Story) -> Counter[tuple[str, str]]:
     return Counter((c.service, c.digest) for c in made)
 
 
+def images_are_built_once(story: Story) -> Iterator[str]:
+    """No image is built while the engine has one with its reference."""
+    yield from (
+        f"an image was built again: {entry}" for entry in story.entries if entry.verb == "build_image" and entry.text
+    )
+
+
+def protected_services_are_not_shed(story: Story) -> Iterator[str]:
+    """Nothing that is protected stops."""
+    for entry in story.entries:
+        if entry.verb == "stop" and story.specs.get(entry.service, {}).get("protected"):
+            yield f"{entry.service} is protected, and was stopped: {entry}"
+
+
+def files_are_whole(story: Story) -> Iterator[str]:
+    """The harness compares what commands write with the files before and afterwards, after every kill."""
+    yield from (entry.text for entry in story.entries if entry.verb == "half")
+
+
 def strangers_are_left_alone(story: Story) -> Iterator[str]:
     for entry in story.entries:
         stranger = entry.containers.get(STRANGER)
@@ -167,6 +186,9 @@ PROMISES: tuple[Callable[[Story], Iterator[str]], ...] = (
     one_container_lives,
     nothing_is_made_twice,
     nothing_is_tried_more_often,
+    images_are_built_once,
+    protected_services_are_not_shed,
+    files_are_whole,
     strangers_are_left_alone,
     needs_are_ready_first,
     exclusive_is_exclusive,

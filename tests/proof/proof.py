@@ -18,11 +18,10 @@ import scenarios
 from acts import Acts
 from world import Died
 
-GIVEN = {
-    name: os.environ.get(f"RORG_PROOF_{name}", "") for name in ("SCENARIO", "POINT", "EVERY", "MOST", "STOP", "TWICE")
-}
-"""What to play: one scenario, one point of it, every so many points, at most so many, until the first violation; and
-whether the next rorg is killed too."""
+NAMES = ("SCENARIO", "POINT", "EVERY", "MOST", "STOP", "TWICE", "ORDER")
+GIVEN = {name: os.environ.get(f"RORG_PROOF_{name}", "") for name in NAMES}
+"""What to play: one scenario, one point of it, every so many points, at most so many, until the first violation;
+whether the next rorg is killed too; and whether a loss of power keeps any of the operations without fsync."""
 SEED = int(os.environ.get("RORG_TEST_SEED") or random.SystemRandom().getrandbits(32))
 SHOWN = 3
 """Violations of a scenario that are shown with their log."""
@@ -34,7 +33,7 @@ def chosen(player: cases.Player) -> list[tuple[int, str]]:
         point, _, side = GIVEN["POINT"].partition(":")
         return [(int(point), side or "after")]
     chance, every = random.Random(f"{SEED} {player.scenario.name}"), int(GIVEN["EVERY"] or 1)
-    points = list(player.points())[chance.randrange(every) :: every]
+    points = list(player.reordered() if GIVEN["ORDER"] else player.points())[chance.randrange(every) :: every]
     return chance.sample(points, min(len(points), int(GIVEN["MOST"]))) if GIVEN["MOST"] else points
 
 

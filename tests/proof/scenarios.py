@@ -1,12 +1,13 @@
 """What happens on a robot, each as a short declaration: what is requested, changed, restarted, taken down.
 
-Missing: shedding (the sim engine uses nothing of this machine, so there is no load to shed), image builds and prunes
-(they need an engine with images). See tree_scenarios.py for manifests in git, and for the history.
+See tree_scenarios.py for manifests in git and for the history, command_scenarios.py for memory pressure, images, and
+commands that are killed themselves.
 """
 
 from __future__ import annotations
 
-import tree_scenarios  # noqa: F401 - it adds its own
+import command_scenarios  # noqa: F401 - these add their own
+import tree_scenarios  # noqa: F401
 from acts import Acts as World
 from given import ARM, BASE, NO, SCENARIOS, always, declared, edition, running, scenario, service, settled
 

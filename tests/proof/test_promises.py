@@ -15,7 +15,10 @@ OTHERS = Container(STRANGER, STRANGER, "", "running")
 BASE = Container("b1", "base", "base", "running", started_at="1", digest="one")
 NEXT = replace(BASE, id="b2", started_at="2", digest="two")
 ARM = Container("a1", "arm", "arm", "running", started_at="1", digest="one")
-SPECS = {"base": {"ready": {}, "exclusive": ["gpu"]}, "arm": {"needs": ["base"], "exclusive": ["gpu"]}}
+SPECS = {
+    "base": {"ready": {}, "exclusive": ["gpu"], "protected": True},
+    "arm": {"needs": ["base"], "exclusive": ["gpu"]},
+}
 
 
 def entry(verb: str, target: Container | None, *there: Container, text: str = "") -> Entry:
@@ -42,6 +45,9 @@ CASES = {
         entry("start", NEXT, BASE, NEXT),
         entry("remove", BASE, NEXT),
     ],
+    "images_are_built_once": [Entry(0.0, "build_image", "", "cam:1", "again")],
+    "protected_services_are_not_shed": [entry("stop", BASE)],
+    "files_are_whole": [told("half")],
     "it_converges": [told("late")],
 }
 COMPARED = ("it_ends_as_without_a_crash", "nothing_is_tried_more_often")

@@ -13,15 +13,13 @@ from pathlib import Path
 from typing import Any
 
 import commands
-import yaml
 from conftest import wait_for
 from engine_link import EngineServer, EngineWorld
-from histories import integrity
-from promises import STRANGER, Story
+from promises import STRANGER
+from remains import Remains
 
 from rorg.client import Client, Error, Unreachable
 from rorg.core.observed import Container
-from rorg.store.requests_file import RequestsFile
 from rorg.store.state_dir import StateDir
 
 PROGRAM = str(Path(__file__).with_name("killed_run.py"))
@@ -31,7 +29,7 @@ QUARANTINED = "failed"
 """The code of a waiting that only another change of the manifests ends."""
 PATIENCE = 20.0
 """Seconds in which everything must have come to rest."""
-SCENARIO_FOLDERS = ("tree", "state", "upstream")
+SCENARIO_FOLDERS = ("tree", "state", "upstream", "out")
 """What a case begins with."""
 
 
@@ -45,19 +43,24 @@ class Prepared(commands.Forked):
     server = "proof/prepared_server.py"
 
 
-class World:
+class World(Remains):
     """Of one scenario; `folder` is its own."""
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.tree, self.state = folder, folder / "tree", StateDir(folder / "state")
-        self.upstream = folder / "upstream"
+        self.upstream, self.out = folder / "upstream", folder / "out"
         self.options: tuple[str, ...] = ()
         self.owner = f"proof-{os.getpid()}-{folder.name}"
         self.engine = EngineWorld(self.owner, dict([NOT_UP]))
         self.server = EngineServer(folder / "engine", self.engine)
         self.process: Prepared | None = None
-        self.trace = folder / "trace"
+        self.trace, self.command_trace = folder / "trace", folder / "command-trace"
+        self.aim = (0, "after")
+        """Point and side at which the next command that may be killed is killed."""
         self.kept: tuple[dict[str, Container], Any] = {}, None
+        self.kept_world, self.kept_written = self.engine, dict[str, bytes]()
+        self.images = self.loaded = False
+        """Whether the engine has images, and the machine a load."""
         self.specs: dict[str, dict[str, Any]] = {}
         self.gone: set[str] = set()
         self.asked: dict[str, Any] = {}
@@ -85,7 +88,9 @@ class World:
             if (self.folder / name).exists():
                 shutil.copytree(self.folder / name, kept / name, symlinks=True, ignore=no_sockets)
         told = {name: copy.copy(getattr(self, name)) for name in ("specs", "gone", "asked")}
+        told |= {"images": self.images, "loaded": self.loaded}
         self.kept = self.found(), (dict(self.engine.sim.objects), told)
+        self.kept_world, self.kept_written = self.engine, self.written()
 
     def prepare(self, given: Callable[[Any], Any]) -> None:
         """Make the world that every case finds."""
@@ -107,13 +112,14 @@ class World:
             next(self.engine.sim._ids)
         self.engine.sim.objects.update(objects)
         self.engine.sim._ran.update({c: (0.0, 0.0) for c in containers})
+        self.engine.take_over(self.kept_world)
         for name, value in told.items():
             setattr(self, name, copy.copy(value))
         self.begin(containers)
 
     def begin(self, containers: Mapping[str, Container]) -> None:
         """Begin the log of a case: what is there has answered its probe."""
-        self.doubtful, self.deaths = {}, 0
+        self.doubtful, self.deaths, self.aim = {}, 0, (0, "after")
         self.engine.log.add("given", containers=dict(containers))
         for container in (c for c in containers.values() if c.service):
             self.engine.log.add("exec", container.service, container.id, "0", containers=dict(containers))
@@ -123,10 +129,13 @@ class World:
     def environment(self, point: int, side: str) -> dict[str, str]:
         roots = os.pathsep.join(str(self.folder / name) for name in SCENARIO_FOLDERS)
         more = {"PROOF_ROOTS": roots, "PROOF_POINT": str(point), "PROOF_SIDE": side, "PROOF_TRACE": str(self.trace)}
+        more |= {"PROOF_IMAGES": "1"} if self.images else {}
+        more |= {"PROOF_LOAD": "1"} if self.loaded else {}
         return {**os.environ, **more, "PROOF_ENGINE": str(self.folder / "engine"), "RORG_STAY_DOWN": "1"}
 
     def start(self, point: int = 0, side: str = "after") -> None:
-        self.trace.unlink(missing_ok=True)
+        for path in (self.trace, outcomes_of(self.trace)):
+            path.unlink(missing_ok=True)
         trees = [] if "--git" in self.options else [str(self.tree)]
         words = ["run", *trees, "--state-dir", str(self.state.path), "--engine", "docker", *self.options]
         with (self.folder / "rorg.log").open("ab") as log:
@@ -142,9 +151,16 @@ class World:
             self.process.kill()
             self.process.wait(60)
 
-    def effects(self) -> list[str]:
-        """Of the last run, in order."""
-        return self.trace.read_text().splitlines() if self.trace.exists() else []
+    def effects(self, of_command: bool = False) -> list[str]:
+        """Of the last run, or of the command that may be killed, in order."""
+        trace = self.command_trace if of_command else self.trace
+        return trace.read_text().splitlines() if trace.exists() else []
+
+    def outcomes(self, of_command: bool = False) -> dict[int, int]:
+        """Effect -> how many outcomes a loss of power after it has, of a run without a kill."""
+        trace = outcomes_of(self.command_trace if of_command else self.trace)
+        lines = trace.read_text().splitlines() if trace.exists() else []
+        return {int(number): int(many) for number, many in map(str.split, lines)}
 
     def client(self, patience: float = 0.0) -> Client:
         return Client(str(self.state.run / "rorg.sock"), timeout=PATIENCE, patience=patience)
@@ -223,59 +239,15 @@ class World:
             return None if found["plan"]["actions"] or waitings or found["in_flight"] else found
         return None
 
-    def end(self, status: Mapping[str, Any]) -> dict[str, Any]:
-        containers = [c for c in self.found().values() if c.service and c.id != STRANGER]
-        document = self.document()
-        files = {str(p.relative_to(self.tree)): p.read_text() for p in sorted(self.tree.rglob("*.yaml"))}
-        return {
-            "containers": sorted((c.service, c.name, c.state, c.digest, str(dict(c.live))) for c in containers),
-            "objects": sorted(self.engine.sim.objects),
-            "requests": sorted((r.requester, r.id, r.services) for r in document.requests),
-            "holds": sorted(document.holds),
-            "down": document.down,
-            "files": files,
-            "commits": self.git("log", "--format=%s") if (self.tree / ".git").exists() else "",
-            "uncommitted": self.git("status", "--porcelain") if (self.tree / ".git").exists() else "",
-            "left": self.leftovers(),
-            "damage": self.damage(),
-            "services": {n: (s["sync"], s["health"]) for n, s in status.get("services", {}).items()},
-        }
-
-    def damage(self) -> str:
-        """Of the journal; empty if it is sound, or if there is none."""
-        found = integrity(self.state.journal) if self.state.journal.exists() else "ok"
-        return "" if found == "ok" else found
-
-    def leftovers(self) -> list[str]:
-        """Files on their way to their place, of an rorg that is dead."""
-        found = (*self.tree.glob("*/.*"), *self.state.path.glob(".*.*.????????"))
-        found += tuple(self.state.path.glob("journal.damaged*"))
-        own = f".{self.process.pid}." if self.process else "-"
-        return [p.name for p in found if own not in p.name]
-
-    def document(self) -> Any:
-        file = RequestsFile(self.state.requests)
-        file.read()
-        return file.document
-
-    def check_requests(self) -> None:
-        """Note in the log what was acknowledged and is not in the file, or is there twice."""
-        found = yaml.safe_load(self.state.requests.read_text()) if self.state.requests.exists() else {}
-        listed = [(r["id"], tuple(r["services"])) for r in (found or {}).get("requests", ())]
-        if len({id for id, _ in listed}) < len(listed):
-            self.engine.log.add("lost", text=f"a request is there twice: {listed}")
-        for id, services in self.asked.items():
-            now = dict(listed).get(id)
-            if now != services and now not in self.doubtful.get(id, ()):
-                self.engine.log.add("lost", text=f"request {id} is {now}; {services} was acknowledged")
-
-    def story(self, end: Mapping[str, Any], reference: Story | None) -> Story:
-        return Story(self.engine.log.entries, dict(self.specs), frozenset(self.gone), end, reference)
-
     def close(self) -> None:
         self.kill()
         self.server.shutdown()
         self.server.server_close()
+
+
+def outcomes_of(trace: Path) -> Path:
+    """The file beside a trace that says how many outcomes a loss of power has."""
+    return trace.with_name(f"{trace.name}.outcomes")
 
 
 def no_sockets(folder: str, names: list[str]) -> list[str]:
