@@ -117,7 +117,7 @@ def _try(kind: str, number: int, attempt: Callable[[Case], None], figures: Figur
         case = Case.of(kind, number)
         began = time.monotonic()
         try:
-            with _ended_after(HUNG), _measured(figures) as used:
+            with ended_after(HUNG), measured(figures) as used:
                 attempt(case)
             if kind in BOUNDED and (used.cpu > MOST_CPU or used.memory > MOST_MEMORY):
                 raise AssertionError(f"it takes {used.cpu:.1f} s of CPU and {used.memory:.0f} MiB")
@@ -134,7 +134,7 @@ def _try(kind: str, number: int, attempt: Callable[[Case], None], figures: Figur
 
 
 @contextlib.contextmanager
-def _measured(figures: Figures) -> Iterator[Figures]:
+def measured(figures: Figures) -> Iterator[Figures]:
     """What the block takes, which counts in `figures` where it is more than before."""
     used = Figures()
     with contextlib.suppress(OSError):
@@ -152,7 +152,7 @@ def _memory(name: str) -> float:
 
 
 @contextlib.contextmanager
-def _ended_after(seconds: int) -> Iterator[None]:
+def ended_after(seconds: int) -> Iterator[None]:
     def end(*_: object) -> None:
         raise TimeoutError(f"it hangs for more than {seconds} s")
 

@@ -15,11 +15,12 @@ def mutated_project(files: Mapping[str, str], words: Sequence[str], chance: rand
     name = chance.choice(sorted(files))
     text = files[name]
     for _ in range(chance.choice((1, 1, 2, 4))):
-        text = mutated_text(text, chance) if chance.random() < 0.35 else _mutated_lines(text, words, chance)
+        text = mutated_text(text, chance) if chance.random() < 0.35 else mutated_lines(text, words, chance)
     return name, text
 
 
-def _mutated_lines(text: str, words: Sequence[str], chance: random.Random) -> str:
+def mutated_lines(text: str, words: Sequence[str], chance: random.Random) -> str:
+    """The text with one line changed."""
     lines = text.split("\n")
     at = chance.randrange(len(lines))
     line = lines[at]

@@ -87,8 +87,8 @@ class DockerEngine(Inside, Images):
             asks_events = known and self.local and not self.client.release.podman  # Podman tells no past ones
             heard = self._heard_lately() if asks_events else set(known)
             rows = self.client.get("/containers/json", all=True, filters=filters)
-        looked = (_as_before(known, row, heard) or self._look(row) for row in rows)
-        return [c for c in looked if c is not None]
+            looked = (_as_before(known, row, heard) or self._look(row) for row in rows)
+            return [c for c in looked if c is not None]
 
     def _heard_lately(self) -> set[str]:
         """Ids of containers whose events may not have arrived at the observer yet, by the clock of this machine."""
@@ -125,8 +125,9 @@ class DockerEngine(Inside, Images):
             if error.kind != "ending":
                 raise
             data = self._inspection(container, timeout)
-        labels = data["Config"].get("Labels") or {}
-        return read_container(data, self.local) if labels.get(LABEL_OWNER) == self.owner else None
+        with docker_errors(f"inspect {container[:12]}"):
+            labels = data["Config"].get("Labels") or {}
+            return read_container(data, self.local) if labels.get(LABEL_OWNER) == self.owner else None
 
     def _inspection(self, container: str, timeout: float) -> Any:
         with docker_errors(f"inspect {container[:12]}"):

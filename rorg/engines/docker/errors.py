@@ -66,9 +66,13 @@ KINDS = (
 REMEDY = "`docker info` to see whether the engine runs"
 
 
+MISSHAPEN = (KeyError, IndexError, TypeError, AttributeError)
+"""What reading an answer raises that is JSON, but not of the form that Docker's API says."""
+
+
 @contextlib.contextmanager
 def docker_errors(what: str) -> Iterator[None]:
-    """Turn the engine's errors into rorg's."""
+    """Turn the engine's errors into rorg's, also those of an answer of another form than the API's."""
     try:
         yield
     except Refused as error:
@@ -77,6 +81,9 @@ def docker_errors(what: str) -> Iterator[None]:
         raise TimedOut(what, "timed out", REMEDY) from error
     except (http.client.HTTPException, OSError, ValueError) as error:
         raise Unreachable(what, reason(error), REMEDY) from error
+    except MISSHAPEN as error:
+        why = f"the engine's answer is not one of Docker's API: {type(error).__name__}: {error}"
+        raise Unreachable(what, why, "`docker version` to see what answers") from error
 
 
 def refusal(what: str, text: str) -> EngineError:

@@ -36,7 +36,7 @@ class Images:
                 rows = self.client.get("/images/json")
             else:
                 rows = self.client.get("/system/df", type="image").get("Images") or ()
-        return [{**row, "RepoTags": [without_hub(tag) for tag in row.get("RepoTags") or ()]} for row in rows]
+            return [{**row, "RepoTags": [without_hub(tag) for tag in row.get("RepoTags") or ()]} for row in rows]
 
     def remove_image(self, reference: str) -> None:
         with docker_errors(f"remove {reference}"):

@@ -1,0 +1,71 @@
+"""`make fuzz-guided`: atheris changes inputs of a target towards code that none has reached yet.
+
+Usage: guided_fuzzing.py MINUTES [TARGET...], by default all of them, for so many minutes together. What breaks a target
+is kept in tests/cases/fuzz, where test_guided_cases.py tries it. The corpus stays in the temporary directory.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+HERE = Path(__file__).parent
+ROOT = HERE.parent.parent
+KEPT = ROOT / "tests/cases/fuzz"
+CORPUS = Path(tempfile.gettempdir(), "rorg-fuzz-guided")
+NAMES = ("manifests", "requests", "bodies", "answers", "journal", "compose", "launch", "launch2", "units")
+SHARES = {"manifests": 3, "compose": 2}
+"""How much more time than the others a target gets."""
+MOST_KEPT = 5
+"""Findings of a run that are kept of each target."""
+
+
+def main(minutes: float, names: list[str]) -> int:
+    """Fuzz each target in a process of its own. 1 if anything was found."""
+    weights = {name: SHARES.get(name, 1) for name in names or NAMES}
+    before = set(KEPT.glob("*/*"))
+    for name, weight in weights.items():
+        seconds = max(10, round(60 * minutes * weight / sum(weights.values())))
+        words = [sys.executable, __file__, "--target", name, str(seconds)]
+        code = subprocess.run(words, cwd=ROOT, check=False).returncode
+        if code:
+            print(f"{name}: ended with {code}", flush=True)
+            return 1
+    found = sorted(set(KEPT.glob("*/*")) - before)
+    print(f"{len(found)} findings", *found, sep="\n")
+    return int(bool(found))
+
+
+def fuzz(name: str, seconds: int) -> None:
+    """Fuzz one target in this process, which ends with it."""
+    import atheris
+
+    sys.path[:0] = [str(HERE), str(HERE.parent)]
+    with atheris.instrument_imports(include=["rorg"]):
+        import guided_targets
+
+        if name in ("bodies", "answers"):
+            import guided_servers  # noqa: F401
+    from guided_run import Run
+
+    corpus = CORPUS / name
+    corpus.mkdir(parents=True, exist_ok=True)
+    folder = Path(tempfile.mkdtemp(prefix=f"rorg-fuzz-{name}."))
+    run = Run(name, guided_targets.make(name, folder), KEPT / name, MOST_KEPT)
+    for number, seed in enumerate(run.target.seeds()):
+        (corpus / f"seed-{number}").write_bytes(seed)
+    arguments = [
+        *(sys.argv[0], str(corpus), f"-max_total_time={seconds}", f"-max_len={guided_targets.MOST_INPUT}"),
+        *("-timeout=0", "-rss_limit_mb=4096", "-print_final_stats=1", "-verbosity=1"),
+    ]
+    atheris.Setup(arguments, run.attempt, custom_mutator=lambda *given: run.mutated(atheris.Mutate, *given))
+    atheris.Fuzz()
+
+
+if __name__ == "__main__":
+    if sys.argv[1] == "--target":
+        fuzz(sys.argv[2], int(sys.argv[3]))
+    else:
+        sys.exit(main(float(sys.argv[1]), sys.argv[2:]))
