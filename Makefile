@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: site demo test engines pythons properties fuzz proof proof-docker worlds defects soak ros2 lint types bench corpus schemas docs evaluation constraints deb packages arm vm machines clean
+.PHONY: site demo test engines pythons properties fuzz fuzz-guided proof proof-docker worlds defects soak ros2 lint types bench corpus schemas docs evaluation constraints deb packages arm vm machines clean
 
 # Debian keeps the venv of its Python in a package of its own; .ci/venv sees to that.
 $(BIN)/rorg: pyproject.toml
@@ -37,6 +37,18 @@ pythons:
 fuzz: $(VENV)/test-installed
 	FUZZ=$(or $(FUZZ),1) timeout 7200 $(BIN)/pytest -s -m fuzz tests/hostile tests/test_cpp_answers.py $(ARGS)
 
+# Inputs are changed towards code that none has reached (atheris, in a venv of its own; Python 3.11): MINUTES for all
+# targets together, or ARGS="compose journal" for some. What is found is kept in tests/cases/fuzz, which `make test` tries.
+fuzz-guided: $(VENV)/fuzz-guided/installed
+	$(VENV)/fuzz-guided/bin/python tests/hostile/guided_fuzzing.py $(or $(MINUTES),20) $(ARGS)
+
+# It sees what $(VENV) has, by a file that names its packages.
+$(VENV)/fuzz-guided/installed: $(VENV)/test-installed
+	@$(BIN)/python -m venv --without-pip $(VENV)/fuzz-guided
+	@$(BIN)/python tests/hostile/guided_fuzzing.py --venv $(VENV)/fuzz-guided
+	@$(BIN)/python -m pip --python $(VENV)/fuzz-guided install --quiet --disable-pip-version-check 'atheris>=2.3,<3'
+	@touch $@
+
 # Each property of the planner with many random examples, of which `make test` tries a few: EXAMPLES=20000 takes 30 to 45
 # minutes for each. A failure names its seed, and RORG_TEST_SEED=N draws the same examples again.
 properties: $(VENV)/test-installed
@@ -45,10 +57,12 @@ properties: $(VENV)/test-installed
 # rorg is killed at every effect it has (each write, call of the engine, commit, answer to a client), in every scenario of
 # tests/proof, on an engine that outlives it; at some of them the rorg that follows is killed too. Then defects are
 # planted, which must be found. One to two hours.
-# RORG_PROOF_EVERY=10 for every tenth point; RORG_PROOF_SCENARIO=down RORG_PROOF_POINT=31:power repeats one case.
+# RORG_PROOF_EVERY=10 for every tenth point; RORG_PROOF_SCENARIO=down RORG_PROOF_POINT=31:power repeats one case;
+# RORG_PROOF_ORDER=1 for the other outcomes of a loss of power alone.
 proof: $(VENV)/test-installed
 	$(BIN)/python tests/proof/proof.py $(ARGS)
 	RORG_PROOF_TWICE=1 RORG_PROOF_EVERY=$(or $(RORG_PROOF_EVERY),8) $(BIN)/python tests/proof/proof.py $(ARGS)
+	RORG_PROOF_ORDER=1 RORG_PROOF_EVERY=$(or $(RORG_PROOF_EVERY),8) $(BIN)/python tests/proof/proof.py $(ARGS)
 	$(BIN)/python tests/proof/defects.py
 
 # The same on a private Docker engine, as root: RORG_PROOF_MOST points of each scenario, by default 45. An hour.

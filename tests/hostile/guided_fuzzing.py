@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import sysconfig
 import tempfile
 from pathlib import Path
 
@@ -38,6 +39,13 @@ def main(minutes: float, names: list[str]) -> int:
     return int(bool(found))
 
 
+def share(venv: Path) -> None:
+    """Let another venv use the packages of this one, for atheris alone is in that."""
+    ours = sysconfig.get_path("purelib")
+    theirs = sysconfig.get_path("purelib", vars={"base": str(venv)})
+    Path(theirs, "shared.pth").write_text(f"import site; site.addsitedir({ours!r})\n")
+
+
 def fuzz(name: str, seconds: int) -> None:
     """Fuzz one target in this process, which ends with it."""
     import atheris
@@ -65,7 +73,9 @@ def fuzz(name: str, seconds: int) -> None:
 
 
 if __name__ == "__main__":
-    if sys.argv[1] == "--target":
+    if sys.argv[1] == "--venv":
+        share(Path(sys.argv[2]))
+    elif sys.argv[1] == "--target":
         fuzz(sys.argv[2], int(sys.argv[3]))
     else:
         sys.exit(main(float(sys.argv[1]), sys.argv[2:]))

@@ -18,6 +18,7 @@ from project_mutations import mutated_lines
 
 SLOWER = 4
 """How much slower code is whose coverage is measured."""
+SELDOM = 20
 HUNG = 50
 """Seconds after which an input counts as one that hangs."""
 
@@ -27,6 +28,7 @@ class Run:
 
     def __init__(self, name: str, target: Target, kept: Path, most: int) -> None:
         self.name, self.target, self.kept, self.most = name, target, kept, most
+        target.every = SELDOM
         self.known: set[str] = set()
         self.figures = Figures()
 

@@ -61,8 +61,16 @@ class Target:
     json = False
     """Whether its inputs are JSON, and not YAML."""
 
+    every = 1
+    """What takes long is done with every so many inputs."""
+
     def __init__(self, folder: Path) -> None:
-        self.folder = folder
+        self.folder, self.tries = folder, 0
+
+    def due(self) -> bool:
+        """Whether to do what takes long with this input."""
+        self.tries += 1
+        return not self.tries % self.every
 
     def seeds(self) -> list[bytes]:
         """Inputs to begin with."""
@@ -116,7 +124,6 @@ class Manifests(Files):
         paths += [*(folder / "policies").glob("*.yaml"), *(folder / "profiles").glob("*.yaml")]
         paths += [folder / "images/image/Dockerfile", folder / "services/some.env"]
         self.files = {str(p.relative_to(folder)): p.read_text() for p in paths}
-        self.tries = 0
 
     def read(self) -> None:
         found = load(self.folder)
@@ -124,8 +131,7 @@ class Manifests(Files):
         have_places(tuple(found.errors))
         if found.catalog is not None:
             desire(found.catalog, str(self.folder), Contents().of(found.catalog, self.folder))
-            self.tries += 1
-            if not self.tries % 5:
+            if self.due():
                 is_planned(found.catalog)
 
 
@@ -151,12 +157,10 @@ class Imports(Files):
         for name, text in self.files.items():
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             (folder / name).write_text(text)
-        self.tries = 0
 
     def whole(self, imported) -> None:
-        self.tries += 1
         have_places(imported.errors)
-        is_whole(imported, self.folder, self.tries)
+        is_whole(imported, self.folder, 0 if self.due() else 1)
 
 
 class Compose(Imports):

@@ -166,6 +166,25 @@ DEFECTS = (
         "emptied-tree",
         ("daemon/write_ahead.py", "write_kept(self.state.path, kept)", "pass"),
     ),
+    defect(
+        "exported files are written in place",
+        "export",
+        (
+            "cli/export.py",
+            'write_atomic(path, text, mode=0o600 if path.suffix == ".env" else 0o644 & ~mask)',
+            "path.write_text(text)",
+        ),
+    ),
+    defect(
+        "an import without fsync",
+        "import",
+        ("tools/importing/manifests.py", "            sync(path)\n", "            pass\n"),
+    ),
+    defect(
+        "an image is built although it is there",
+        "image-build",
+        ("images/supply.py", "present = reference in self.there", "present = False"),
+    ),
 )
 
 
