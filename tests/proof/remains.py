@@ -100,7 +100,8 @@ class Remains:
         """Note in the log what is neither the old file nor the new one. `wanted`: all of the new ones."""
         before = self.kept_written
         for name, now in self.written().items():
-            if not Path(name).name.startswith(".") and now not in (before.get(name), wanted.get(name)):
+            on_its_way = any(part.startswith(".") for part in Path(name).parts)
+            if not on_its_way and now not in (before.get(name), wanted.get(name)):
                 self.engine.log.add("half", text=f"{name} is half a file: {now[:60]!r}, {len(now)} bytes")
 
     def story(self, end: Mapping[str, Any], reference: Story | None) -> Story:
