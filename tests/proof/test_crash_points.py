@@ -41,3 +41,12 @@ def test_nothing_is_lost_at_any_point(number, tmp_path, request):
                 break
     finally:
         player.close()
+
+
+def test_a_killed_prune_leaves_no_record_of_an_image_that_is_gone(tmp_path):
+    player = Player(ALL["prune"], tmp_path)
+    try:
+        number = next(n for n, what in enumerate(player.effects, 1) if "engine remove_image" in what)
+        assert player.play(number, "after").violations == []
+    finally:
+        player.close()
