@@ -264,3 +264,12 @@ def test_restore_needs_a_time_that_is_on_record(running):
     assert "nothing is on record of 20" in rorg(running, "restore", "--at", "10h", code=5)
     assert "find the revision 'yesterday'" in rorg(running, "restore", "--at", "yesterday", code=2)
     assert git(running, "rev-parse", "HEAD") == running.second
+
+
+def test_the_tree_is_that_of_the_running_rorg_also_if_a_loss_of_power_took_what_it_published(running):
+    running.state.status.unlink()
+    running.state.status.mkdir()  # so that it is not published again
+    elsewhere = running.tree.parent / "elsewhere"
+    elsewhere.mkdir()
+    commands.rorg("rollback", "1", "--yes", cwd=elsewhere, RORG_STATE_DIR=str(running.state.path), **ANN)
+    assert git(running, "log", "-1", "--format=%s").startswith("Roll back to 1")

@@ -63,7 +63,7 @@ class Context(Connection):
         directory of its last run."""
         if self.directory:
             return self.directory
-        last = self.last_text("tree", "root")
+        last = self.last_text("tree", "root") or self._root_in_force()
         if last and (not self._local or (self.state.owner() and not self.state.held)):
             return Path(last)
         if os.path.isdir("manifests"):
@@ -71,6 +71,11 @@ class Context(Connection):
         from rorg.manifest.documents import holds_manifests
 
         return Path(last) if last and not holds_manifests(Path()) else Path()
+
+    def _root_in_force(self) -> str:
+        """The directory of a running rorg that has published nothing yet: a loss of power took what there was."""
+        view = self.live() if self.state.served and not self.last() and not self.remote else None
+        return str(view["tree"]["root"]) if view else ""
 
     @cached_property
     def masker(self) -> Masker:
