@@ -74,7 +74,7 @@ class Context(Connection):
 
     def _root_in_force(self) -> str:
         """The directory of a running rorg that has published nothing yet: a loss of power took what there was."""
-        view = self.live() if self.state.served and not self.last() and not self.remote else None
+        view = self.live() if self.state.served and not self.remote else None
         return str(view["tree"]["root"]) if view else ""
 
     @cached_property
