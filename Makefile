@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: site demo test engines pythons properties fuzz fuzz-guided proof proof-docker worlds defects soak ros2 lint types bench corpus schemas docs evaluation constraints deb packages arm vm machines clean
+.PHONY: site demo test engines pythons properties fuzz fuzz-guided proof proof-docker worlds defects soak ros2 lint types bench corpus schemas docs evaluation constraints deb packages arm vm machines mutants clean
 
 # Debian keeps the venv of its Python in a package of its own; .ci/venv sees to that.
 $(BIN)/rorg: pyproject.toml
@@ -76,6 +76,11 @@ worlds: $(VENV)/test-installed
 # All defects of tests/bounded/defects.py, planted one by one in a copy of rorg; `make test` tries four: some minutes.
 defects: $(VENV)/test-installed
 	RORG_TEST_DEFECTS=all $(BIN)/pytest tests/bounded/test_planted_defects.py $(ARGS)
+
+# Small changes of rorg/core, one by one, of which tests must find at least 95 of 100 (tests/mutants). An hour.
+# MUTANTS_FILE=gates.py for one file, MUTANTS_EVERY=10 for every tenth, ARGS=gates.py:54.1 to try one again.
+mutants: $(VENV)/test-installed
+	PYTHONPATH=tests:.:clients/python $(BIN)/python -m mutants.mutants $(ARGS)
 
 # ROS 2: all its tests, a thousand requests and releases through its node, five minutes of kills, and what pausing does to
 # peers (docs/how-to/ros2.md).
