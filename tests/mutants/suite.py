@@ -198,9 +198,7 @@ class _Known:
     """What was traced before, of tests and code that are still the same: tracing takes minutes."""
 
     def __init__(self) -> None:
-        sources = [
-            p for p in [*ROOT.glob("rorg/**/*.py"), *TESTS.glob("*.py"), *TESTS.glob("bounded/*.py"), Path(__file__)]
-        ]
+        sources = [*ROOT.glob("rorg/**/*.py"), *TESTS.glob("*.py"), *TESTS.glob("bounded/*.py")]
         helpers = [p for p in sources if not p.name.startswith("test_")]
         self.common = hashlib.sha256(b"".join(p.read_bytes() for p in sorted(helpers))).hexdigest()
         self.path = OUT / "traced"
