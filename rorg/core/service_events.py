@@ -86,7 +86,7 @@ def _cause(decision: Decision, name: str, run: str, action: Action | None) -> tu
         return "unreachable", f"it {situation.peers.unknown[name]}"
     if name in situation.peers.remotes:
         return "unready", f"it {situation.peers.trouble(situation.desired.catalog.services[name]) or 'runs anew'}"
-    if action is not None and action.part_of:
+    if action is not None and action.part_of and run != progress.hung:
         return ("replaced" if action.part_of is Part.REPLACE else "restarted"), action.reason
     if name in situation.restarts:
         return "restarted", "a restart was requested"
