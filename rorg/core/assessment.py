@@ -162,7 +162,8 @@ def _interlocks(inputs: Inputs) -> dict[str, str]:
     refusals = {}
     for name, interlock in interlocks(inputs.desired, inputs.observed).items():
         result = inputs.results.get((name, "interlock"))
-        fresh = result is not None and inputs.now - result.at <= interlock.interval + FRESH
-        answer = result.message if result and fresh else f"{interlock} is being asked"
-        refusals[name] = "" if result and fresh and result.ok else answer
+        if result is None or inputs.now - result.at > interlock.interval + FRESH:
+            refusals[name] = f"{interlock} is being asked"
+        else:
+            refusals[name] = "" if result.ok else result.message
     return refusals

@@ -68,7 +68,7 @@ class Risk:
 
 def risks(situation: Situation, service: Service) -> tuple[Risk, ...]:
     """Return the risks of a service that is paused when idle, as far as its master knows; worst first."""
-    if not (situation.ros and situation.engine.pause) or service.idle.action != "pause" or service.always_on:
+    if not situation.engine.pause or service.idle.action != "pause" or service.always_on:
         return ()
     graph = situation.ros.get(graph_of(service))
     if graph is None:
