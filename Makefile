@@ -77,10 +77,10 @@ worlds: $(VENV)/test-installed
 defects: $(VENV)/test-installed
 	RORG_TEST_DEFECTS=all $(BIN)/pytest tests/bounded/test_planted_defects.py $(ARGS)
 
-# Small changes of rorg/core, one by one, of which tests must find at least 95 of 100 (tests/mutants). An hour.
-# MUTANTS_FILE=gates.py for one file, MUTANTS_EVERY=10 for every tenth, ARGS=gates.py:54.1 to try one again.
+# Small changes of rorg/core, one by one, of which tests must find at least 95 of 100 (tests/mutants). Some hours;
+# MUTANTS_EVERY=24 takes every 24th, in 20 minutes; MUTANTS_FILE=gates.py one file; ARGS=gates.py:54.1 one again.
 mutants: $(VENV)/test-installed
-	PYTHONPATH=tests:.:clients/python $(BIN)/python -m mutants.mutants $(ARGS)
+	PYTHONPATH=tests:.:clients/python $(BIN)/python -m mutants.hunt $(ARGS)
 
 # ROS 2: all its tests, a thousand requests and releases through its node, five minutes of kills, and what pausing does to
 # peers (docs/how-to/ros2.md).

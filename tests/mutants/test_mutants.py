@@ -8,7 +8,7 @@ import subprocess
 import sys
 
 from conftest import ROOT
-from mutants.mutants import equivalents, key_of
+from mutants.hunt import equivalents, key_of
 from mutants.operators import Mutant, mutants_of
 from mutants.plant import Core
 
@@ -57,16 +57,16 @@ def all_mutants(file: str) -> list[Mutant]:
     return mutants_of(file, ast.parse(CORE.paths[file].read_text()))
 
 
-def named(file: str, change: str) -> str:
-    """The mutant of a file with this change."""
-    return next(m.name for m in all_mutants(file) if m.change == change)
+def named(file: str, change: str, which: int = 0) -> str:
+    """The mutant of a file with this change, counted from 0 if there are several."""
+    return [m.name for m in all_mutants(file) if m.change == change][which]
 
 
 def outcomes(names: list[str], tests: list[str]) -> dict[str, str]:
     """What becomes of mutants when only these tests run."""
     paths = os.pathsep.join(str(ROOT / folder) for folder in ("tests", "", "clients/python"))
     done = subprocess.run(
-        [sys.executable, "-m", "mutants.mutants", *names],
+        [sys.executable, "-m", "mutants.hunt", *names],
         env={**os.environ, "PYTHONPATH": paths, "MUTANTS_TESTS": " ".join(tests)},
         capture_output=True,
         text=True,
@@ -91,8 +91,18 @@ def test_each_mutant_that_is_called_equivalent_exists():
 
 
 def test_a_mutant_is_killed_survives_or_hangs():
-    of_code = named("gates.py", "until is not None and until > view.now -> False")
-    of_constant = named("pressure.py", "0.05 -> 1.05")
-    hangs = named("wanted.py", "continue -> pass")
-    found = outcomes([of_code, of_constant, hangs], [f"{CASES}[unwanted_lingers]", f"{CASES}[chain_of_needs]"])
-    assert found == {of_code: "killed", of_constant: "survived", hangs: "timeout"}
+    """Of code, of a constant of a module, of the default of a field; unseen by these tests; and one without an end."""
+    found = {
+        named("gates.py", "until is not None and until > view.now -> False"): "killed",
+        named("pressure.py", "0.02 -> 1.02"): "killed",
+        named("pressure.py", "False -> True", 1): "killed",
+        named("admission.py", "101 -> 102"): "survived",
+        named("pressure.py", "level -= 1 -> pass"): "timeout",
+    }
+    rules = "tests/test_pressure_rules.py::test_"
+    tests = [
+        f"{CASES}[unwanted_lingers]",
+        f"{rules}a_measure_is_undone_after_calm_has_lasted",
+        f"{rules}freeing_helps_if_it_is_a_fair_part_of_the_excess",
+    ]
+    assert outcomes([*found], [*tests, f"{rules}a_measure_shows_its_effect_before_the_next_one"]) == found
