@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: site demo test engines pythons properties fuzz fuzz-guided proof proof-docker worlds defects soak ros2 lint types bench corpus schemas docs evaluation constraints deb packages arm vm machines mutants clean
+.PHONY: site demo test engines pythons properties fuzz fuzz-guided proof proof-docker worlds defects mutants soak ros2 lint types bench corpus schemas docs evaluation constraints deb packages arm vm machines clean
 
 # Debian keeps the venv of its Python in a package of its own; .ci/venv sees to that.
 $(BIN)/rorg: pyproject.toml

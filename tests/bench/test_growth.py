@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import gc
+import math
 import re
+import statistics
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import psutil
 import pytest
 from conftest import wait_for
 from robots import Daemon, RealRobot, write_tree
+from rows import Row, Table
 
 from rorg.core.decide import decide
+from rorg.core.status import Statuses
 from rorg.manifest.load import load_or_raise
+from rorg.model.catalog import Request
 from rorg.tools.sim.robot import SimRobot
 
 
@@ -21,15 +28,74 @@ def chains(count: int) -> dict[str, dict]:
     return {f"s{n:03}": {"needs": [f"s{n - 1:03}"] if n % 5 else [], "always_on": n % 5 == 4} for n in range(count)}
 
 
-@pytest.mark.parametrize(("count", "most"), [(200, 0.5), (400, 1.0), (800, 2.0)])
-def test_a_cold_start_on_the_sim_engine(tmp_path, count, most):
-    robot = SimRobot(load_or_raise(write_tree(tmp_path, chains(count))))
+COUNTS = (50, 100, 200, 400, 800, 1600)
+STEEPEST = 1.1
+"""Exponent of the number of services with which a cost may grow."""
+
+
+def exponent(costs: dict[int, float]) -> float:
+    """The slope of the straight line through (log count, log cost), by least squares."""
+    points = [(math.log(count), math.log(cost)) for count, cost in costs.items()]
+    x, y = (statistics.mean(axis) for axis in zip(*points, strict=True))
+    return sum((a - x) * (b - y) for a, b in points) / sum((a - x) ** 2 for a, _ in points)
+
+
+def settled(robot: SimRobot) -> None:
+    robot.run(lambda r: r.decision.plan.empty and not r.memory.in_flight, 50_000)
+
+
+def cost(do: Callable[[], object]) -> float:
+    """CPU seconds."""
+    gc.collect()
     began = time.process_time()
-    robot.run(lambda r: r.decision.plan.empty and not r.memory.in_flight, 10 * count)
-    used = time.process_time() - began
-    assert len(robot.active()) == count
-    print(f"\n{count} services from nothing, sim: {used:.2f} s CPU", end="")
-    assert used <= most
+    do()
+    return time.process_time() - began
+
+
+def costs_of(folder: Path, count: int) -> dict[str, float]:
+    """CPU seconds of five kinds of work on a robot of so many services."""
+    specs = {**chains(count - 1), "asked": {"idle": {"action": "pause", "linger": 0}}}
+    robot = SimRobot(load_or_raise(write_tree(folder, specs)))
+    found = {"cold start": cost(lambda: settled(robot))}
+    specs["s000"] = {**specs["s000"], "container": {"environment": {"EDITION": "2"}}}
+    write_tree(folder, specs)
+    change = load_or_raise(folder)
+
+    def changed() -> None:
+        robot.declare(change)
+        robot.step()
+        settled(robot)
+
+    def crashed() -> None:
+        robot.engine.kill(next(c.id for c in robot.engine.list() if c.service == "s004"))
+        robot.step()
+        settled(robot)
+
+    def requested() -> None:
+        robot.document = robot.document.put(Request("bench", "developer", ("asked",)))
+        robot.step()
+        settled(robot)
+        robot.document = robot.document.without({("developer", "bench")})
+        robot.step()
+        settled(robot)
+
+    def told() -> None:
+        decision = robot.decision
+        statuses = Statuses(decision.situation, decision.plan, decision.holds)
+        assert len([one.as_json() for one in statuses.values()]) > count
+
+    found |= {"one change": cost(changed), "a crash": cost(crashed), "a request": cost(requested)}
+    return found | {"a status": min(cost(told) for _ in range(3))}
+
+
+def test_how_costs_grow_with_the_number_of_services(tmp_path):
+    costs = {count: costs_of(tmp_path / str(count), count) for count in COUNTS}
+    table = Table()
+    for what in costs[COUNTS[0]]:
+        shown = ", ".join(f"{1000 * found[what]:.1f}" for found in costs.values())
+        print(f"\n{what}: {shown} ms of CPU for {COUNTS} services", end="")
+        slope = exponent({count: found[what] for count, found in costs.items()})
+        table.add(Row(f"{what}: exponent of the number of services, from 50 to 1,600", slope, "", STEEPEST))
 
 
 def test_a_pass_over_200_unchanged_services(tmp_path):

@@ -66,7 +66,8 @@ class Robot:
         return self.guest.sh(f"runuser -u {PERSON} -- rorg {words}", seconds)
 
     def json(self, words: str) -> Any:
-        return json.loads(self.rorg(f"{words} -o json"))
+        """Its answer, without the notes on stderr."""
+        return json.loads(self.rorg(f"{words} -o json 2>/dev/null"))
 
     def service(self, name: str) -> dict[str, Any]:
         return next(s for s in self.json("get") if s["service"] == name)
@@ -78,7 +79,7 @@ class Robot:
         return wait_for(lambda: (s := self.service(name))["state"] == state and s, seconds, f"{name} to be {state}")
 
     def events(self, words: str) -> list[dict[str, Any]]:
-        return [json.loads(line) for line in self.rorg(f"events {words} -o json").splitlines()]
+        return [json.loads(line) for line in self.rorg(f"events {words} -o json 2>/dev/null").splitlines()]
 
     def log(self) -> str:
         return self.guest.sh("journalctl -u rorg.service -o cat --no-pager")
