@@ -305,6 +305,17 @@ def planned(folder: Path, count: int) -> int:
     return sum(costs)
 
 
+def test_services_that_wait_for_their_next_try_cost_little(tmp_path):
+    """They are planned when their try is due, and when the seconds that are shown change."""
+    count, costs = 40, []
+    robot = SimRobot(load_or_raise(write_tree(tmp_path, {f"s{n:02}": {"always_on": True} for n in range(count)})))
+    robot.faults.crash_after = {f"s{n:02}": 1 + n / 100 for n in range(count)}  # seldom two at once
+    robot.run(lambda r: r.now > 120, 200)
+    robot.run(lambda r: costs.append(len(r.decision.replanned)) or r.now > 240, 200)
+    assert len(costs) > 3 * count
+    assert sum(costs) < 10 * len(costs)
+
+
 FOLLOWING = st.lists(
     st.builds(
         Departure, st.sampled_from([0.5, 2.0, 4.0, 12.0, 60.0]), st.sampled_from(NAMES).map(lambda name: (name,))

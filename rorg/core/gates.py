@@ -53,10 +53,9 @@ def _gate(view: View, service: Service, step: Step) -> Passage:
     if operation.begins and name in view.s.unplugged:
         return (), Waiting(name, view.s.unplugged[name], code=DEVICE)
     tried = memory.attempt(operation)
-    if tried and tried.at and tried.at > view.now:
-        wait = format_seconds(tried.at - view.now)
+    if tried and tried.at and (left := view.countdown(tried.at)):
         word = "stalled" if memory.stalled else "failed"
-        reason = f"{operation.verb} {word}: {tried.error or 'no effect'}; again in {wait}"
+        reason = f"{operation.verb} {word}: {tried.error or 'no effect'}; again in {format_seconds(left)}"
         return (), Waiting(name, reason, tried.at, "failed")
     swap = step.part_of is Part.REPLACE and isinstance(operation, (Stop, Rename))
     locked = view.s.interlocks.get(name, "") if swap or operation.felt else ""

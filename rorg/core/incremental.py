@@ -16,6 +16,7 @@ from bisect import bisect_left, insort
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import chain
+from math import inf
 from operator import attrgetter
 
 from rorg.core.changes import changed_keys, differing
@@ -45,6 +46,8 @@ class Planned:
     plans: Mapping[str, ServicePlan]
     no_linger: frozenset[str]
     volatile: frozenset[str]
+    counting: frozenset[str]
+    """Services whose plan counts down to something; see ServicePlan.until."""
     queue: Sequence[QueueEntry]
     replanned: tuple[str, ...]
     """Services planned in this pass."""
@@ -85,6 +88,7 @@ def plan_all(situation: Situation) -> Planned:
         plans=dict.fromkeys(names, NOTHING),
         no_linger=frozenset(planner.no_linger),
         volatile=frozenset(),
+        counting=frozenset(),
         queue=(),
         replanned=names,
     )
@@ -94,7 +98,8 @@ def plan_all(situation: Situation) -> Planned:
         planner.plan(name)
     queue = sorted(entry for name in names if (entry := _queue_entry(planner.plans[name], planner.places[name])))
     volatile = frozenset(n for n, p in planner.plans.items() if p.volatile)
-    return replace(nothing, plans=planner.plans, volatile=volatile, queue=queue)
+    counting = frozenset(n for n, p in planner.plans.items() if p.until < inf)
+    return replace(nothing, plans=planner.plans, volatile=volatile, counting=counting, queue=queue)
 
 
 def update_plan(kept: Planned | None, situation: Situation, touched: Collection[str]) -> Planned:
@@ -122,9 +127,8 @@ def update_plan(kept: Planned | None, situation: Situation, touched: Collection[
     calls = before.memory.in_flight.keys() ^ situation.memory.in_flight.keys()
     depending = {n for name in changed | calls for n in depending_plans(situation, name)}
     depending |= {n for name in changed for n in situation.desired.uses.get(name, ())}
-    replanned = _replan(
-        planner, kept, changed | depending | locks | calls | (no_linger ^ kept.no_linger) | kept.volatile
-    )
+    over = {n for n in kept.counting if kept.plans[n].until <= situation.now} | kept.volatile
+    replanned = _replan(planner, kept, changed | depending | locks | calls | (no_linger ^ kept.no_linger) | over)
     return _with_replanned(kept, planner, replanned, no_linger)
 
 
@@ -213,10 +217,11 @@ def _replan(planner: Planner, kept: Planned, names: Collection[str]) -> tuple[st
 
 
 def _with_replanned(kept: Planned, planner: Planner, replanned: tuple[str, ...], no_linger: frozenset[str]) -> Planned:
-    queue, volatile = [*kept.queue], set(kept.volatile)
+    queue, volatile, counting = [*kept.queue], set(kept.volatile), set(kept.counting)
     for name in replanned:
         old_plan, new_plan, place = kept.plans[name], planner.plans[name], kept.places[name]
         (volatile.add if new_plan.volatile else volatile.discard)(name)
+        (counting.add if new_plan.until < inf else counting.discard)(name)
         old_entry, new_entry = _queue_entry(old_plan, place), _queue_entry(new_plan, place)
         if old_entry:
             del queue[bisect_left(queue, old_entry[:4])]
@@ -228,6 +233,7 @@ def _with_replanned(kept: Planned, planner: Planner, replanned: tuple[str, ...],
         plans=planner.plans,
         no_linger=no_linger,
         volatile=frozenset(volatile),
+        counting=frozenset(counting),
         queue=queue,
         replanned=replanned,
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass
 from enum import StrEnum
+from math import inf
 from typing import Any
 
 from rorg.core.operations import OPERATIONS, Operation
@@ -214,6 +215,8 @@ class ServicePlan:
     """What services that need this one wait for; "" if it is ready or will be by this plan."""
     volatile: bool = False
     """The plan depends on the time or on unrelated services, so it is made again in every pass."""
+    until: float = inf
+    """Otherwise it changes with the time only from here on."""
 
     @property
     def busy(self) -> bool:

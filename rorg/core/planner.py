@@ -104,6 +104,7 @@ class Planner:
             alarm=led.alarm,
             unready=missing,
             volatile=view.volatile,
+            until=view.until,
         )
 
     def _chain(self, name: str, service: Service, view: View) -> Chain:

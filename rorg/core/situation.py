@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from math import ceil, inf
 
 from rorg.core.desired import Desired
 from rorg.core.digest import rules_of
@@ -158,10 +159,17 @@ class Exclusive:
         return any(c.alive for c in self.s.observed.of(name))
 
 
+STEP = 4
+"""Seconds between two numbers of a countdown, unless less than two steps are left."""
+SAME = 1e-6
+"""Seconds, and steps, that count as nothing."""
+
+
 class View:
     """A situation, seen from one service, network or volume. Its plan may depend on itself, on related services (see
     depending_plans in incremental.py) and on the plans before it in order. Reading `now` or `all_containers` adds a
-    dependency on everything and marks the plan as `volatile`.
+    dependency on everything and marks the plan as `volatile`; a countdown() makes it hold `until` that shows another
+    number.
 
     - `earlier`: returns the plan of a service that comes before this one, and an empty plan for every other, so that
       the result does not depend on the order of planning within a pass;
@@ -174,7 +182,18 @@ class View:
         self.s, self.desired, self.exclusive = situation, situation.desired, exclusive
         self.earlier, self.hurry = earlier, hurry
         self.of, self.current = situation.observed.of, situation.observed.current
-        self.volatile = False
+        self.volatile, self.until = False, inf
+
+    def countdown(self, moment: float) -> int:
+        """Return the seconds left until a moment, 0 if it is over: in steps, so that a service that waits for long
+        need not be planned again in every pass."""
+        left = moment - self.s.now
+        if left <= 0:
+            return 0
+        step = 1 if left <= 2 * STEP else STEP
+        shown = max(step, step * ceil(left / step - SAME))
+        self.until = min(self.until, moment - (shown - step) - SAME)
+        return shown
 
     @property
     def now(self) -> float:

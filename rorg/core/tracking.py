@@ -130,7 +130,9 @@ def _time_dependent(progress: Progress, service: Service, evidence: Evidence) ->
     advanced() and judged()."""
     if progress.relied_on and not progress.ready:
         return True
-    if progress.exits or progress.doubted_since is not None or len(evidence.observed.of(service.name)) > 1:
+    if progress.doubted_since is not None or len(evidence.observed.of(service.name)) > 1:
+        return True
+    if progress.exits and progress.running_since is not None:  # a stable run forgets them
         return True
     if evidence.wanted and progress.running_since is not None and progress.update.baked != progress.update.edition:
         return True
