@@ -188,7 +188,8 @@ def fingerprint(catalog: Catalog) -> str:
 def _unsaid(value: Any, field: Field[Any]) -> bool:
     """Whether the field has its default."""
     factory = field.default_factory
-    return bool(getattr(value, field.name) == (field.default if factory is MISSING else factory()))
+    default = field.default if factory is MISSING else factory()
+    return bool(getattr(value, field.name) == default)
 
 
 def _by_kind(sources: Iterable[Source]) -> Reading[dict[str, dict[str, Source]]]:
