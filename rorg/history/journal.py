@@ -71,7 +71,8 @@ class Journal:
         self.database = database
         self._lock = threading.Lock()
         self._recent: deque[dict[str, Any]] = deque(maxlen=RECENT)
-        self._seq: int = next((seq for (seq,) in database.rows("SELECT max(seq) FROM entry")), 0) or 0
+        last = next((seq for (seq,) in database.rows("SELECT max(seq) FROM entry")), 0) or 0
+        self._seq: int = max(0, last)
         self._followers: list[Callable[[], None]] = []
         self._counts: Counter[str] = Counter()
 

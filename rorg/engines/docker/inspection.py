@@ -44,27 +44,33 @@ def began(container: Container) -> float:
 
 def read_container(data: Mapping[str, Any], local: bool) -> Container:
     """A Container from its inspection. If the engine is on another machine (`local` is false), process ids mean nothing
-    here."""
+    here. Raises TypeError and the like if the data has another form than Docker's API says."""
     state, labels = data["State"], data["Config"].get("Labels") or {}
-    status = state_of(state["Status"])
-    started = state.get("StartedAt") or NEVER
+    status = state_of(_text(state["Status"]))
+    started = _text(state.get("StartedAt") or NEVER)
     return Container(
-        id=data["Id"],
+        id=_text(data["Id"]),
         name=data["Name"].lstrip("/"),
         state=status,
         started_at="" if started.startswith("0001-") else started,
         exit_code=state.get("ExitCode") if status == "exited" else None,
         oom_killed=bool(state.get("OOMKilled")),
         error=state.get("Error") or "",
-        created_at=data.get("Created") or "",
+        created_at=_text(data.get("Created") or ""),
         live=live_options(data.get("HostConfig") or {}),
         pid=(state.get("Pid") or 0) if local else 0,
         health=(state.get("Health") or {}).get("Status", ""),
         stop_signal=data["Config"].get("StopSignal") or "",
-        image=data.get("Image") or "",
+        image=_text(data.get("Image") or ""),
         networks=_networks(data),
         **from_labels(labels),
     )
+
+
+def _text(value: object) -> str:
+    if not isinstance(value, str):
+        raise TypeError(f"{str(value)[:100]!r} is not a text")
+    return value
 
 
 def state_of(status: str) -> str:
