@@ -1,4 +1,4 @@
-"""What is masked in texts and JSON: a tree's secrets in all their spellings, and nothing that rorg itself must say."""
+"""What is masked in texts and JSON: secrets of a tree in all their spellings, and nothing that rorg itself must say."""
 
 from __future__ import annotations
 
