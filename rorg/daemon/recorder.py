@@ -23,8 +23,8 @@ ALWAYS = ("tree", "requests", "engine")
 """Keys whose first value is an event, even if it is empty."""
 QUIET_AT_FIRST = ("engine", "pressure")
 """Keys whose first value is not worth a line of its own when the loop begins."""
-
-
+REPEATED = ("crashed", "done")
+"""Kinds of events that a service which ends again and again repeats."""
 LONG = 60
 """Characters of an error that is not repeated for each service in the lines for people."""
 LATELY = 60.0
@@ -45,6 +45,8 @@ class Recorder:
         self._errors: dict[str, tuple[str, float]] = {}
         """Long error -> the service that told it first lately, and when it last did."""
         self._said: dict[str, Any] = {}
+        self._folded: set[str] = set()
+        """Services of which REPEATED events get no line."""
         self._lock = threading.Lock()
 
     def begin(self, memory: Memory) -> None:
@@ -56,10 +58,15 @@ class Recorder:
     def event(self, kind: str, message: str, person: bool = False, **more: Any) -> None:
         """`person`: a person did it."""
         with self._lock:
-            self.tell(self._line(message, str(more.get("error") or ""), str(more.get("service") or "")))
+            if kind not in REPEATED or more.get("service") not in self._folded:
+                self.tell(self._line(message, str(more.get("error") or ""), str(more.get("service") or "")))
             masker = self.masker.of(more.get("service"))
             self.journal.append(self.wall(), kind, masker.text(message), person, **masker.value(more))
         self.told(kind)
+
+    def fold(self, service: str, folded: bool) -> None:
+        """Whether exits and calls of a service are only in the journal, because it does the same again and again."""
+        (self._folded.add if folded else self._folded.discard)(service)
 
     def _line(self, message: str, error: str, service: str) -> str:
         """The line of an event for people: a long error that another service has just told is not repeated."""

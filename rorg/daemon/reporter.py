@@ -23,6 +23,9 @@ from rorg.model.diagnostics import nearest
 from rorg.model.units import counted, format_seconds
 from rorg.store.requests_file import RequestsFile
 
+OFTEN = 8
+"""Exits in a row, after which only each one that doubles their number gets a line."""
+
 
 class Reporter:
     """Used by the loop alone; `clock` gives monotonic seconds. `memory` is what the previous rorg left: what was ready
@@ -161,16 +164,21 @@ class Reporter:
             self.recorder.forget(f"{word} {n}" for n in gone for word in ("crashes", "stalled", "update", "device"))
         for name in changed_keys(before, self._progress):
             step, failed = self._progress[name], self._progress[name].update.failed
+            often = step.exits >= OFTEN and step.exits.bit_count() == 1
+            self.recorder.fold(name, step.exits > OFTEN and not often)
             if self.is_news(f"crashes {name}", step.crashes):
                 service = decision.situation.desired.catalog.services.get(name)
                 what = f"{'driver ' if service and service.driver else ''}{name} {step.error or failed}"
                 text = f"{what} (unexpected exit {step.crashes})"
                 self.event("crashed", text, service=name, crashes=step.crashes)
+                if often:
+                    left = f"the next line is about its {2 * step.exits}th exit in a row"
+                    self.recorder.tell(f"{name} goes on like this: {left}, and `rorg events` has all of them")
             if self.is_news(f"stalled {name}", step.stalled):
                 again = format_seconds(max(0.0, step.retry_at - self.clock()))
                 text = f"stalled: {step.error}; next try in {again}" if step.stalled else "no longer stalled"
-                more = {"service": name, **({"error": step.error} if step.stalled else {})}
-                self.event("stalled" if step.stalled else "recovered", f"{name} is {text}", False, **more)
+                about = {"service": name, **({"error": step.error} if step.stalled else {})}
+                self.event("stalled" if step.stalled else "recovered", f"{name} is {text}", False, **about)
             if self.is_news(f"update {name}", failed) and failed:
                 back = f"back to the previous container, until it is changed again, or `rorg retry {name}`"
                 text = f"the change of {name} failed: {failed}; {back}"

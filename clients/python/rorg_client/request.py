@@ -134,7 +134,10 @@ class Request(Kept):
         self.arrived = True
         self._keep()
         if wait is not None:
-            self._is_ready(told["readiness"], known)
+            if "readiness" in told:
+                self._is_ready(told["readiness"], known)
+            else:  # an earlier rorg, which answers at once
+                self.wait(wait)
 
     def _keep(self) -> None:
         if self.ttl is not None and self._beat is None:
