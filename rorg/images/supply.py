@@ -133,7 +133,8 @@ def _is_unchanged(image: Image, content: Content) -> bool:
 
 @dataclass
 class _Noting:
-    """A listener that records each built image before it passes the result on."""
+    """A listener that records each built image before it passes the result on. One that is not on record yet it also
+    records when the build begins, since a kill may come before the end."""
 
     supplier: Supplier
     builder: Builder
@@ -143,24 +144,30 @@ class _Noting:
     listener: Listener
 
     def began(self, order: Order) -> None:
+        self._record(order.reference)
         self.listener.began(order)
 
     def step(self, order: Order, text: str) -> None:
         self.listener.step(order, text)
 
     def ended(self, result: Result) -> None:
-        image = self.images.get(result.reference)
-        identity = self.content.identities.get(image.name) if image else None
-        if image and identity and result.outcome in ("built", "imported"):
-            with contextlib.suppress(RorgError, OSError):  # the image exists, and its identity finds it
-                self._note(image, identity, result)
+        if result.outcome in ("built", "imported"):
+            self._record(result.reference, result.id)
         self.listener.ended(result)
 
-    def _note(self, image: Image, identity: str, result: Result) -> None:
+    def _record(self, reference: str, id: str = "") -> None:
+        """Without an `id` only what has no record, because a build that fails must not hide the image before it."""
+        image = self.images.get(reference)
+        identity = self.content.identities.get(image.name) if image else None
+        if image and identity and (id or identity not in self.supplier.records.built()):
+            with contextlib.suppress(RorgError, OSError):  # the identity of the image finds it
+                self._note(image, identity, reference, id)
+
+    def _note(self, image: Image, identity: str, reference: str, id: str) -> None:
         external_bases = externals(self.catalog, image.bases) & set(image.bases)
         digests = {base: self.builder.digest(base) for base in sorted(external_bases)}
         bases = bases_of(self.catalog, image.name, self.content.references, digests)
-        self.supplier.records.note({identity: Built(image.name, result.reference, result.id, wall_clock(), bases)})
+        self.supplier.records.note({identity: Built(image.name, reference, id, wall_clock(), bases)})
 
 
 def orders_for(

@@ -52,7 +52,7 @@ class Remains:
             "uncommitted": self.git("status", "--porcelain") if (self.tree / ".git").exists() else "",
             "left": self.leftovers(),
             "written": self.written(),
-            "images": sorted((i.text, len(i.tags)) for i in self.engine.images.images.values()),
+            "images": sorted(i.text for i in self.engine.images.images.values()),
             "image records": self.image_records(),
             "damage": self.damage(),
             "services": {n: (s["sync"], s["health"]) for n, s in status.get("services", {}).items()},

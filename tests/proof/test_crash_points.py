@@ -43,10 +43,20 @@ def test_nothing_is_lost_at_any_point(number, tmp_path, request):
         player.close()
 
 
-def test_a_killed_prune_leaves_no_record_of_an_image_that_is_gone(tmp_path):
-    player = Player(ALL["prune"], tmp_path)
+FOUND = {
+    "a killed prune leaves no record of an image that is gone": ("prune", "engine remove_image"),
+    "a build that is killed before its end is on record": ("image-build", "engine build_image"),
+}
+"""Points at which there was a violation: right after this effect of this scenario."""
+
+
+@pytest.mark.parametrize("found", FOUND)
+def test_what_was_found_stays_mended(found, tmp_path):
+    name, effect = FOUND[found]
+    player = Player(ALL[name], tmp_path)
     try:
-        number = next(n for n, what in enumerate(player.effects, 1) if "engine remove_image" in what)
-        assert player.play(number, "after").violations == []
+        number = next(n for n, what in enumerate(player.effects, 1) if effect in what)
+        result = player.play(number, "after")
+        assert not result.violations, str(result)
     finally:
         player.close()
