@@ -16,6 +16,7 @@ import signal
 import sqlite3
 import subprocess
 import threading
+import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -27,6 +28,8 @@ ORDERED = "power-"
 GIT_READS = ("rev-parse", "cat-file", "log", "show", "status", "ls-files", "ls-tree", "diff", "for-each-ref", "config")
 GIT_READS += ("check-ignore", "version", "--version", "symbolic-ref", "show-ref", "ls-remote", "merge-base", "var")
 """Commands of git that change nothing."""
+PATIENCE = 0.5
+"""Seconds for effects of other threads."""
 COMMITS = ("COMMIT", "PRAGMA wal_checkpoint")
 
 
@@ -38,6 +41,8 @@ class Effects:
         self.roots, self.point, self.side = tuple(os.path.realpath(r) + "/" for r in roots), point, side
         self.number, self.disk = 0, Disk()
         self._lock = threading.RLock()
+        self._under_way: set[int] = set()
+        """Effects of which other threads are in the middle."""
         self._trace = os.open(trace, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC)
         self._outcomes = -1 if point else os.open(f"{trace}.outcomes", os.O_WRONLY | os.O_CREAT | os.O_APPEND)
         self._write = os.write
@@ -51,7 +56,11 @@ class Effects:
             self._write(self._trace, f"{self.number} {what}\n".encode())
             if mine and self.side == "before":
                 self._die()
-        yield
+            self._under_way.add(number)
+        try:
+            yield
+        finally:
+            self._under_way.discard(number)
         with self._lock:
             if self._outcomes >= 0:
                 self._write(self._outcomes, f"{number} {len(self.disk.outcomes(number))}\n".encode())
@@ -59,6 +68,10 @@ class Effects:
                 self._die()
 
     def _die(self) -> None:
+        """Nobody begins an effect meanwhile; a loss of power waits for those that are under way."""
+        until = time.monotonic() + PATIENCE
+        while self.side.startswith("power") and self._under_way and time.monotonic() < until:
+            time.sleep(0.001)
         if self.side == "power":
             self.disk.lose()
         elif self.side.startswith(ORDERED):
