@@ -20,6 +20,7 @@ from mutations import mutated_text, mutated_value
 from robots import RealRobot, write_tree
 
 from rorg.cli import main
+from rorg.core.decide import Decision
 from rorg.daemon.wiring import make_loop
 from rorg.engines.make import make_engine
 from rorg.errors import Invalid, RorgError
@@ -171,8 +172,13 @@ def a_loop_begins(tree: Path, state: StateDir) -> list[str]:
     try:
         engine = make_engine("process", state)
         loop = make_loop(tree, state, engine, lines.append)
+
+        def enough(decision: Decision) -> bool:
+            loop.wake()  # at rest, nothing may lead to another pass
+            return decision.situation.observed.complete and loop.passes >= 3
+
         try:
-            loop.run(lambda decision: decision.situation.observed.complete and loop.passes >= 3)
+            loop.run(enough)
         finally:
             for container in engine.list():
                 if container.alive:
