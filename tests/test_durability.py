@@ -161,7 +161,7 @@ def test_a_request_is_acted_on_while_it_is_written_and_forgotten_if_it_cannot_be
     committer.start()
 
     def put(id: str):
-        return committer.submit(lambda asked: asked.put(Request(id, "developer", ("arm",))), ahead=True)
+        return committer.submit(lambda asked: asked.put(Request(id, "developer", ("arm",))))
 
     assert put("kept").result(10) == 1
     assert seen == [({"kept"}, False)]
@@ -174,4 +174,10 @@ def test_a_request_is_acted_on_while_it_is_written_and_forgotten_if_it_cannot_be
     assert seen[1:] == [({"kept", "lost"}, True), ({"kept"}, True)]
     assert put("next").result(10) == 4
     assert {r.id for r in leases.document().requests} == {"kept", "next"}
+
+    before = state.requests.read_text()
+    texts: list[str] = []
+    committer.changed = lambda _: texts.append(state.requests.read_text()) or 5
+    committer.submit(lambda asked: asked.put(Request("kept", "developer", ("gripper",)))).result(10)
+    assert texts != [before], "what an acknowledged request asked for counts until another one is in its place"
     committer.stop()

@@ -234,7 +234,7 @@ class Operations:
             self._loop.leases.note(request.key)
             return after
 
-        return self.change(caller, replace(change, edit=edit), ahead=True)
+        return self.change(caller, replace(change, edit=edit))
 
     def renew(self, caller: Caller, key: tuple[str, str]) -> dict[str, Any]:
         """Renews a lease for its full time, in memory only: a restart of rorg renews all leases. A service's lease ends
@@ -264,9 +264,8 @@ class Operations:
         known = "Group" if former is not None and isinstance(former.what, Group) else "Service"
         return kind == known and name in decision.situation.withheld
 
-    def change(self, caller: Caller, change: Change, ahead: bool = False) -> Future[int]:
-        """Applies a change of the requests file. The future is done, with its generation, when it is on the disk.
-        `ahead`: the loop may act on it before."""
+    def change(self, caller: Caller, change: Change) -> Future[int]:
+        """Applies a change of the requests file. The future is done, with its generation, when it is on the disk."""
         changed: list[bool] = []
 
         def note(document: RequestsDocument) -> RequestsDocument:
@@ -280,6 +279,6 @@ class Operations:
                 text = f"{change.message} (by {caller.author})"
                 self.recorder.event(change.kind, text, caller.person, author=caller.author, **change.about)
 
-        future = self.committer.submit(note, caller.identity, ahead)
+        future = self.committer.submit(note, caller.identity)
         future.add_done_callback(told)
         return future

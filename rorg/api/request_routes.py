@@ -135,4 +135,4 @@ async def _ready(
         news = asyncio.ensure_future(event.wait())
         await asyncio.wait((news, hangup), timeout=left, return_when=asyncio.FIRST_COMPLETED)
         news.cancel()
-    return {}  # nobody reads it
+    return {}  # the caller has hung up

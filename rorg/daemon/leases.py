@@ -33,7 +33,7 @@ class Leases:
         self.committed: RequestsFile | None = None
         """The file as the API writes it, if there is one: what it has written need not be read."""
         self._ahead: RequestsDocument | None = None
-        """What it was writing at the last look."""
+        """The content that was being written there at the last look."""
         self._lock = threading.Lock()
         """Held so that no renewed request is dropped, and none that is being dropped is renewed."""
         self._renewals: dict[Key, int] = {}

@@ -29,8 +29,7 @@ def _told(error: Exception) -> Exception:
     return error
 
 
-Entry = tuple[Edit, Future[int], bool]
-"""An edit, its future, and whether the loop may act on it before it is written."""
+Entry = tuple[Edit, Future[int]]
 
 
 class Turns:
@@ -64,9 +63,9 @@ class Committer:
         """`changed` is called for every write with whether anything changed, and returns the generation, as soon as the
         loop may act on it. Callers are answered when it is on the disk.
 
-        In between, only a loss of power can take a change back, which ends all that the loop has started too. A change
-        that may go `ahead` is acted on before it is written: if rorg is killed then, nobody has been told that it was
-        accepted, and the next rorg finds a service that nobody requests, and lets it idle again."""
+        In between, only a loss of power can take a change back, which ends all that the loop has started too. What only
+        adds requests is acted on even before it is written. If rorg is killed then, the caller has not been told that it
+        was accepted; the next rorg finds services that nobody requests, and lets them idle again."""
         self.file, self.changed = file, changed
         self._turns, self._news, self._stopped = Turns(), threading.Condition(), False
         self._thread = threading.Thread(target=self._run, name="committer", daemon=True)
@@ -82,7 +81,7 @@ class Committer:
         if self._thread.is_alive():
             self._thread.join(PATIENCE)
 
-    def submit(self, edit: Edit, caller: str = "", ahead: bool = False) -> Future[int]:
+    def submit(self, edit: Edit, caller: str = "") -> Future[int]:
         """Return a future of the change's generation, set once the change is on the disk, or of the error that refused
         it. It cannot be cancelled: a submitted change is made even if its caller stops waiting."""
         future: Future[int] = Future()
@@ -91,7 +90,7 @@ class Committer:
             if self._stopped:
                 future.set_exception(Busy("write the requests file", "rorg is being stopped", "again in a moment"))
             else:
-                self._turns.put(caller, (edit, future, ahead))
+                self._turns.put(caller, (edit, future))
                 self._news.notify()
         return future
 
@@ -109,7 +108,7 @@ class Committer:
         refused: dict[int, Exception] = {}
 
         def apply(document: RequestsDocument) -> RequestsDocument:
-            for index, (edit, *_) in enumerate(batch):
+            for index, (edit, _) in enumerate(batch):
                 try:
                     document = edit(document)
                 except Exception as error:
@@ -118,8 +117,7 @@ class Committer:
 
         generations: list[int] = []
         try:
-            ahead = all(entry[2] for entry in batch)
-            self.file.change(apply, False, lambda: generations.append(self.changed(True)), ahead)
+            self.file.change(apply, False, lambda: generations.append(self.changed(True)))
         except Exception as error:
             if generations:
                 self.changed(True)  # the loop must forget what was not written
@@ -130,7 +128,7 @@ class Committer:
             batch[0][1].set_exception(_told(error))
             return
         generation = generations[0] if generations else self.changed(False)
-        for index, (_, future, _) in enumerate(batch):
+        for index, (_, future) in enumerate(batch):
             if index in refused:
                 future.set_exception(refused[index])
             else:

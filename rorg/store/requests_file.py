@@ -27,9 +27,9 @@ class RequestsFile:
         self.good = False
         """Whether any content has been good yet."""
         self.written: tuple[RequestsDocument, tuple[int, ...] | None] = self.document, None
-        """What was written here last, with what tells its version from others."""
+        """The content that was last written here, with its stamp."""
         self.ahead: RequestsDocument | None = None
-        """What is being written, while the loop may act on it already."""
+        """The content that is being written, while the loop may act on it already."""
         self.diagnostics: list[Diagnostic] = []
         """The errors of the current content; the last good one counts meanwhile."""
 
@@ -93,12 +93,11 @@ class RequestsFile:
         edit: Callable[[RequestsDocument], RequestsDocument],
         notify: bool = True,
         known: Callable[[], None] = lambda: None,
-        ahead: bool = False,
     ) -> RequestsDocument:
         """Apply `edit` to the current content and replace the file. Raises Invalid if the file is broken: a person must
         fix it first, so that their edit is not lost. Without `notify` the caller tells the loop itself: `known` is
-        called when the loop may act on the change, which may still have to reach the disk; with `ahead`, before it is
-        written at all; not if nothing changes."""
+        called when the loop may act on the change, if there is one. It may still have to reach the disk then, and if it
+        only adds requests, it is not even written: see Committer."""
         with locked(self.path.with_name(".requests.lock")):
             self.read()
             if self.diagnostics:
@@ -108,23 +107,27 @@ class RequestsFile:
                 )
             changed = edit(self.document)
             if changed != self.document:
-
-                def placed() -> None:
-                    self.document, self._stamp = changed, self._now()
-                    self.written, self.ahead = (self.document, self._stamp), None
-                    if not ahead:
-                        known()
-
-                if ahead:
-                    self.ahead = changed
-                    known()
-                try:
-                    write_atomic(self.path, render(changed), placed=placed)
-                finally:
-                    self.ahead = None
+                self._replace(changed, known)
                 if notify:
                     wakeup.notify(self.path.parent)
             return self.document
+
+    def _replace(self, changed: RequestsDocument, known: Callable[[], None]) -> None:
+        ahead = changed.only_adds_to(self.document)
+
+        def placed() -> None:
+            self.document, self._stamp = changed, self._now()
+            self.written, self.ahead = (self.document, self._stamp), None
+            if not ahead:
+                known()
+
+        if ahead:
+            self.ahead = changed
+            known()
+        try:
+            write_atomic(self.path, render(changed), placed=placed)
+        finally:
+            self.ahead = None
 
 
 def _content(path: Path) -> tuple[RequestsDocument | None, list[Diagnostic], bool]:

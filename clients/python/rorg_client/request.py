@@ -136,7 +136,7 @@ class Request(Kept):
         if wait is not None:
             if "readiness" in told:
                 self._is_ready(told["readiness"], known)
-            else:  # an earlier rorg, which answers at once
+            else:  # an earlier rorg, which does not wait
                 self.wait(wait)
 
     def _keep(self) -> None:

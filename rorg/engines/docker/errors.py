@@ -67,7 +67,7 @@ REMEDY = "`docker info` to see whether the engine runs"
 
 
 MISSHAPEN = (KeyError, IndexError, TypeError, AttributeError)
-"""What reading an answer raises that is JSON, but not of the form that Docker's API says."""
+"""Raised by reading JSON that has another form than the answers of Docker's API."""
 
 
 @contextlib.contextmanager
