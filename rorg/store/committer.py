@@ -63,9 +63,9 @@ class Committer:
         """`changed` is called for every write with whether anything changed, and returns the generation, as soon as the
         loop may act on it. Callers are answered when it is on the disk.
 
-        In between, only a loss of power can take a change back, which ends all that the loop has started too. What only
-        adds requests is acted on even before it is written. If rorg is killed then, the caller has not been told that it
-        was accepted; the next rorg finds services that nobody requests, and lets them idle again."""
+        In between, only a loss of power can take a change back, which ends all that the loop has started too. What
+        only adds requests is acted on even before it is written. If rorg is killed then, the caller has not been told
+        that it was accepted; the next rorg finds services that nobody requests, and lets them idle again."""
         self.file, self.changed = file, changed
         self._turns, self._news, self._stopped = Turns(), threading.Condition(), False
         self._thread = threading.Thread(target=self._run, name="committer", daemon=True)

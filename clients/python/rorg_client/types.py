@@ -52,7 +52,7 @@ class ServiceView(TypedDict):
 
 
 class RequestView(TypedDict):
-    """A request that counts. `ttl` and `expires_in` are seconds; only the answer to a call that waited has `readiness`."""
+    """A request that counts. `ttl` and `expires_in` are seconds; only a call that waited gets `readiness`."""
 
     id: str
     requester: str
