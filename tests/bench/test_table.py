@@ -129,7 +129,6 @@ def test_all_from_nothing_before_a_running_rorg(dockerd, tmp_path, count, goal):
 
         def remove() -> None:
             write_tree(robot.tree, {})
-            client.call("PUT", "/v1/removals", {"services": [*always_on(count)]})
             wait_for(lambda: not [s for s in client.services() if s["service"].startswith("s")], 300)
 
         ours, theirs = alternating(1 if count > 100 else 3, declare, compose.up, remove, compose.down)
