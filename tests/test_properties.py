@@ -297,7 +297,7 @@ def planned(folder: Path, count: int) -> int:
     robot, costs = SimRobot(load_or_raise(write_tree(folder, specs))), []
 
     def up(robot: SimRobot) -> bool:
-        costs.append(len(robot.decision.replanned))
+        costs.append(len(robot.decision.planned.replanned))
         baked = all(p.update.baked for p in robot.memory.progress.values())
         return len(robot.active()) == count and baked and robot.decision.plan.empty
 
@@ -311,7 +311,7 @@ def test_services_that_wait_for_their_next_try_cost_little(tmp_path):
     robot = SimRobot(load_or_raise(write_tree(tmp_path, {f"s{n:02}": {"always_on": True} for n in range(count)})))
     robot.faults.crash_after = {f"s{n:02}": 1 + n / 100 for n in range(count)}  # seldom two at once
     robot.run(lambda r: r.now > 120, 200)
-    robot.run(lambda r: costs.append(len(r.decision.replanned)) or r.now > 240, 200)
+    robot.run(lambda r: costs.append(len(r.decision.planned.replanned)) or r.now > 240, 200)
     assert len(costs) > 3 * count
     assert sum(costs) < 10 * len(costs)
 

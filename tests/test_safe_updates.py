@@ -27,7 +27,7 @@ def virtual(tmp_path):
 
 def stands(virtual, good: bool = False) -> str:
     decision = virtual.sim.decision
-    return standing(decision.situation, decision.plan, good).code
+    return standing(decision, good).code
 
 
 def spoil(virtual, name: str, how: str = "exit") -> str:
@@ -270,7 +270,7 @@ def test_a_service_that_never_comes_up_makes_it_fail_without_a_way_back(virtual)
     spoil(virtual, "nav")
     virtual.wait(lambda: stands(virtual) == "failed")
     decision = virtual.sim.decision
-    assert standing(decision.situation, decision.plan).reason.startswith("nav: ")
+    assert standing(decision).reason.startswith("nav: ")
 
 
 def test_what_waits_until_it_is_ceased_is_still_to_be_applied(virtual):

@@ -16,7 +16,7 @@ def changed_keys(before: Mapping[K, Any], now: Mapping[K, Any]) -> set[K]:
     """Return keys whose value is a different object than before, including new keys but not removed ones."""
     if before is now:
         return set()
-    if len(before) == len(now) and not any(map(is_not, before, now)):
+    if [*before] == [*now]:  # the same keys in the same order
         return set(compress(now, map(is_not, before.values(), now.values())))
     return {key for key, value in now.items() if before.get(key) is not value}
 
@@ -28,14 +28,13 @@ def differing(before: Mapping[K, Any], now: Mapping[K, Any]) -> set[K]:
     return {key for key in before.keys() | now.keys() if before.get(key) != now.get(key)}
 
 
-def changed_items(before: Sequence[T], now: Sequence[T]) -> list[T]:
-    """Return items that are in only one of the two sequences, by identity. If the order changed, items in both may be
-    included too."""
+def changed_items(before: Sequence[T], now: Sequence[T]) -> tuple[list[T], list[T]]:
+    """Return the items that went and those that came, by identity. If the order changed, an item may be in both."""
     if before is now:
-        return []
+        return [], []
     least = min(len(before), len(now))
     moved = list(map(is_not, before, now))
     if len(before) == len(now) or not any(moved):
-        return [*compress(before, moved), *compress(now, moved), *before[least:], *now[least:]]
+        return [*compress(before, moved), *before[least:]], [*compress(now, moved), *now[least:]]
     then, there = set(map(id, before)), set(map(id, now))
-    return [*(x for x in now if id(x) not in then), *(x for x in before if id(x) not in there)]
+    return [x for x in before if id(x) not in there], [x for x in now if id(x) not in then]

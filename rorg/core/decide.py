@@ -10,7 +10,7 @@ from rorg.core.assessment import assess
 from rorg.core.check import check
 from rorg.core.desired import Desired
 from rorg.core.dispatch import begin, forget, freed_at, select
-from rorg.core.incremental import busy, update_plan
+from rorg.core.incremental import Planned, busy, update_plan
 from rorg.core.inputs import Cache, Inputs
 from rorg.core.memory import Memory, ProbeResult, ProbeResults
 from rorg.core.peers import stand_ins
@@ -27,8 +27,7 @@ from rorg.model.units import parse_time
 class Decision:
     """The result of one pass."""
 
-    situation: Situation
-    plan: Plan
+    planned: Planned
     begin: tuple[Action, ...]
     """Actions to hand to the workers now; `memory` already counts them as under way."""
     memory: Memory
@@ -48,12 +47,21 @@ class Decision:
     """Retries that were applied."""
     confirmed: tuple[str, ...] = ()
     """Confirmed removals that are done or no longer apply."""
-    replanned: tuple[str, ...] = ()
-    """Services planned in this pass; the plans of all others are unchanged."""
-    whole: bool = True
-    """Whether all services were planned in this pass."""
     cache: Cache | None = None
     """For the next pass."""
+    _plan: list[Plan] = field(default_factory=list, init=False, compare=False, repr=False)
+
+    @property
+    def situation(self) -> Situation:
+        return self.planned.situation
+
+    @property
+    def plan(self) -> Plan:
+        """The whole plan. It is put together when it is first asked for, because most passes over many services end
+        without that."""
+        if not self._plan:
+            self._plan.append(self.planned.plan())
+        return self._plan[0]
 
 
 def decide(inputs: Inputs) -> Decision:
@@ -67,7 +75,7 @@ def decide(inputs: Inputs) -> Decision:
     assessed = assess(inputs, cache, touched, withheld)
     situation, tracked = assessed.situation, assessed.tracked
     planned = update_plan(cache.planned if cache else None, situation, touched)
-    plan, memory = planned.plan(), situation.memory
+    memory = situation.memory
     if observed.complete:
         memory = forget(memory, planned.replanned, {n for n in planned.replanned if busy(planned, n)})
     violations = tuple(check(planned))
@@ -77,8 +85,7 @@ def decide(inputs: Inputs) -> Decision:
     memory = replace(memory, prediction=with_begun(memory.prediction, chosen, inputs.now)) if chosen else memory
     due = schedule(cache.schedule if cache else None, planned, inputs.asked)
     return Decision(
-        situation=situation,
-        plan=plan,
+        planned=planned,
         begin=chosen,
         memory=memory,
         settled=assessed.settled,
@@ -90,8 +97,6 @@ def decide(inputs: Inputs) -> Decision:
         served=assessed.served,
         retried=inputs.retries,
         confirmed=ended,
-        replanned=planned.replanned,
-        whole=planned.whole,
         cache=Cache(tracked=tracked, planned=planned, schedule=due) if tracked and not violations else None,
     )
 

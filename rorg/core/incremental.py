@@ -187,7 +187,7 @@ def _changed_wants(before: Situation, now: Situation) -> set[str]:
 
 def _moved(kept: Planned, situation: Situation) -> Planned:
     """Return the kept plans in the order of this situation: services that cease come before those that run."""
-    if kept.situation.wanted.keys() == situation.wanted.keys():
+    if kept.situation.wanted is situation.wanted or kept.situation.wanted.keys() == situation.wanted.keys():
         return kept
     names = tuple(in_order(situation))
     places = {name: place for place, name in enumerate(names)}

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from typing import Any, TypedDict
 
-from rorg.core.changes import changed_items
+from rorg.core.changes import changed_items, differing
 from rorg.model.objects import Kind, subject
 from rorg.model.units import stamp
 
@@ -163,6 +163,9 @@ class Observed:
     """Service of another machine -> a container that stands for the one there, so that its state and run can be looked
     up. It is in none of the lists."""
     _by_service: dict[str, list[Container]] | None = field(default=None, init=False, compare=False, repr=False)
+    _undeclared: tuple[Mapping[str, object], Set[str]] | None = field(
+        default=None, init=False, compare=False, repr=False
+    )
 
     def by_service(self) -> dict[str, list[Container]]:
         """Return the containers of each service, alive ones first, then the last started. Containers whose label names
@@ -180,19 +183,26 @@ class Observed:
         """Return the container by which a service is active, or else the last started one."""
         return next(iter(self.of(service)), None)
 
+    def undeclared(self, declared: Mapping[str, object]) -> Set[str]:
+        """Return services with a container that are not declared. The last result is cached, because a pass asks
+        often."""
+        if self._undeclared is None or self._undeclared[0] is not declared:
+            there = self.by_service().keys()
+            found: Set[str] = set() if there <= declared.keys() else there - declared.keys()
+            object.__setattr__(self, "_undeclared", (declared, found))
+        return self._undeclared[1]  # type: ignore[index]
+
     def since(self, before: Observed) -> set[str]:
         """Return services whose containers changed, and take over the sorting of all others."""
         if before is self:
             return set()
-        there = (before.elsewhere, self.elsewhere) if before.elsewhere != self.elsewhere else ({}, {})
-        moved = {n for n in {**there[0], **there[1]} if there[0].get(n) != there[1].get(n)}
-        changed = {c.service for c in changed_items(before.containers, self.containers) if c.service}
+        moved = differing(before.elsewhere, self.elsewhere)
+        went, came = changed_items(before.containers, self.containers)
+        changed = {c.service for c in (*went, *came) if c.service}
         if self._by_service is None:
-            by_service = {**before.by_service()}
-            for name in changed:
-                by_service.pop(name, None)
-            by_service |= _sorted(c for c in self.containers if c.service in changed) if changed else {}
-            object.__setattr__(self, "_by_service", by_service)
+            by_service, gone = {**before.by_service()}, set(map(id, went))
+            there = [c for name in changed for c in by_service.pop(name, ()) if id(c) not in gone]
+            object.__setattr__(self, "_by_service", by_service | _sorted([*there, *came]))
         return changed | moved
 
 

@@ -8,7 +8,7 @@ services again with the same code that plans all.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Set
 
 from rorg.core.gates import gate, unready
 from rorg.core.object_plans import declared_chain, declared_objects, former_chain, former_objects
@@ -36,9 +36,9 @@ def in_order(situation: Situation) -> list[str]:
     return [*declared_objects(situation), *of_services, *sorted(former_objects(situation))]
 
 
-def undeclared(situation: Situation) -> set[str]:
+def undeclared(situation: Situation) -> Set[str]:
     """Return services with a container that are not declared, or are declared without a container."""
-    return situation.observed.by_service().keys() - situation.desired.digests.keys()
+    return situation.observed.undeclared(situation.desired.digests)
 
 
 def without_linger(situation: Situation, exclusive: Exclusive) -> frozenset[str]:

@@ -196,7 +196,7 @@ def interlocks(desired: Desired, observed: Observed) -> dict[str, Probe]:
     containers = observed.by_service()
     left = {
         name: lock
-        for name in containers.keys() - desired.digests.keys()
+        for name in observed.undeclared(desired.digests)
         for c in containers[name]
         if c.rules and (lock := rules_of(c.rules).interlock)
     }

@@ -146,7 +146,7 @@ def state_of(decision: Decision, name: str) -> str:
 def state_changes(before: Mapping[str, str], decision: Decision) -> list[StateChange]:
     """Return state changes among services that were planned in this pass."""
     services = decision.situation.desired.catalog.services
-    names = {*services, *before} if decision.whole else decision.replanned
+    names = {*services, *before} if decision.planned.whole else decision.planned.replanned
     return [
         _state_change(decision, name, now)
         for name in sorted(names)

@@ -6,9 +6,10 @@ not load.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
+from rorg.core.decide import Decision
 from rorg.core.plan import Action, Plan
 from rorg.core.rollout import fits
 from rorg.core.situation import Situation
@@ -34,7 +35,7 @@ class Standing:
     reason: str = ""
 
 
-def standing(situation: Situation, plan: Plan, good: bool = False) -> Standing:
+def standing(decision: Decision, good: bool = False) -> Standing:
     """Return the standing of the manifests in force. `good`: they were found good before; then only a change tried
     since can make them fail, because later trouble is not their fault.
 
@@ -42,17 +43,19 @@ def standing(situation: Situation, plan: Plan, good: bool = False) -> Standing:
     counts immediately, not only after it was undone. While an action is under way nothing else is checked, so this
     costs nothing while a robot starts.
     """
+    situation = decision.situation
     undone = _undone(situation)
     if undone:
         return _told(undone)
     if not situation.observed.complete:
         return Standing(GOOD) if good else Standing(APPLYING, "the engine does not answer")
-    flights = situation.memory.in_flight.values()
-    doing = next((str(a) for a in (*(f.action for f in flights), *plan.actions) if _of_tree(a)), "")
-    if doing and not good:
-        return Standing(APPLYING, doing)
     if good:
         return Standing(GOOD)
+    flights = (f.action for f in situation.memory.in_flight.values())
+    doing = _first_of_tree(flights) or _first_of_tree(decision.plan.actions)
+    if doing:
+        return Standing(APPLYING, doing)
+    plan = decision.plan
     failed = _failed(situation, plan)
     if failed:
         return _told(failed)
@@ -61,6 +64,10 @@ def standing(situation: Situation, plan: Plan, good: bool = False) -> Standing:
         return Standing(APPLYING, waits)
     unbaked = [n for n in situation.desired.editions if _asked(situation, n) and not _baked(situation, n)]
     return Standing(BAKING, f"not yet known to stay well: {', '.join(unbaked)}") if unbaked else Standing(GOOD)
+
+
+def _first_of_tree(actions: Iterable[Action]) -> str:
+    return next((str(action) for action in actions if _of_tree(action)), "")
 
 
 def _of_tree(action: Action) -> bool:

@@ -7,15 +7,16 @@ depends on the time.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
+from math import inf
 
 from rorg.core.atomic import freed, judged_together, sets_of
 from rorg.core.changes import changed_keys
 from rorg.core.desired import Desired
 from rorg.core.memory import Memory, ProbeResults, Progress
 from rorg.core.observed import Observed
-from rorg.core.rollout import judged, renewed
+from rorg.core.rollout import bake_ends_at, judged, renewed
 from rorg.core.ros_parameters import ROLE, begun_with, parameters_noted
 from rorg.core.transitions import Evidence, advanced
 from rorg.core.wanted import Wanted
@@ -55,8 +56,9 @@ class Tracked:
     """The facts of the last review, with the memory after it."""
 
     facts: Facts
-    volatile: frozenset[str]
-    """Services to review in every pass: their progress has just changed, or changes with the time."""
+    due: Mapping[str, float]
+    """Service -> when to review it although nothing else changes, by the loop's clock: in the next pass, since its
+    progress has just changed, or when that changes with the time."""
 
 
 def track(kept: Tracked | None, facts: Facts, touched: Collection[str]) -> Tracked:
@@ -65,21 +67,31 @@ def track(kept: Tracked | None, facts: Facts, touched: Collection[str]) -> Track
     memory, desired = facts.memory, facts.desired
     if kept and not _comparable(kept.facts, facts, touched):
         kept = None
-    names = _to_review(kept, facts, touched) if kept else set(desired.digests)
-    gone = memory.progress.keys() - desired.digests.keys() - facts.observed.by_service().keys()
-    progress = {n: p for n, p in memory.progress.items() if n not in gone or (is_object(n) and p.attempts)}
-    volatile = set(kept.volatile) if kept else set[str]()
-    changed = len(progress) != len(memory.progress)
+    names = _to_review(kept, facts, touched) if kept else {*desired.digests, *memory.progress}
+    progress, due = {**memory.progress}, {**kept.due} if kept else dict[str, float]()
+    for name in _gone(facts, names):
+        del progress[name]
+    changed, names = len(progress) != len(memory.progress), names & desired.digests.keys()
     for name in names:
         service, last, evidence = desired.catalog.services[name], memory.of(name), facts.evidence(name)
         progress_now = _reviewed(parameters_noted(last, facts.results.get((name, ROLE))), service, desired, evidence)
         if not (unchanged := progress_now is last and name in memory.progress):
             progress[name], changed = progress_now, True
-        (volatile.discard if unchanged and not _time_dependent(progress_now, service, evidence) else volatile.add)(name)
+        due[name] = _changes_at(progress_now, service, evidence) if unchanged else -inf
+        if due[name] == inf:
+            del due[name]
     set_changes = judged_together(sets_of(names, desired), progress, desired, facts.wanted, facts.observed)
-    volatile |= set_changes.keys()
+    due |= dict.fromkeys(set_changes, -inf)
     memory = replace(memory, progress={**progress, **set_changes}) if changed or set_changes else memory
-    return Tracked(replace(facts, memory=memory), frozenset(volatile))
+    return Tracked(replace(facts, memory=memory), due)
+
+
+def _gone(facts: Facts, names: Iterable[str]) -> list[str]:
+    """Return those of the subjects that are neither declared nor there. A network or volume is kept while it cannot be
+    removed."""
+    progress, digests, there = facts.memory.progress, facts.desired.digests, facts.observed.by_service()
+    gone = (n for n in names if n in progress and n not in digests and n not in there)
+    return [n for n in gone if not (is_object(n) and progress[n].attempts)]
 
 
 def _comparable(before: Facts, now: Facts, touched: Collection[str]) -> bool:
@@ -96,18 +108,18 @@ def renew_all(memory: Memory, desired: Desired, now: float) -> Memory:
 
 
 def _to_review(kept: Tracked, facts: Facts, touched: Collection[str]) -> set[str]:
-    """Return the services to review."""
+    """Return the subjects to review. Some may have gone."""
     before, desired = kept.facts, facts.desired
     names = changed_keys(before.memory.progress, facts.memory.progress)
     results = changed_keys(before.results, facts.results) | (before.results.keys() - facts.results.keys())
     names |= {name for name, _ in results}
     names |= before.memory.in_flight.keys() ^ facts.memory.in_flight.keys()
     names |= {*before.unplugged} ^ {*facts.unplugged}
-    names |= before.wanted.keys() ^ facts.wanted.keys()
-    names.update(touched, kept.volatile)
+    names |= set() if before.wanted is facts.wanted else before.wanted.keys() ^ facts.wanted.keys()
+    names.update(touched, (name for name, at in kept.due.items() if at <= facts.now))
     for name in touched:
         names.update(desired.dependants[name])
-    return names & desired.digests.keys()
+    return names
 
 
 def _reviewed(progress: Progress, service: Service, desired: Desired, evidence: Evidence) -> Progress:
@@ -125,16 +137,19 @@ def _reviewed(progress: Progress, service: Service, desired: Desired, evidence: 
     return judged(progress, service, desired, evidence)
 
 
-def _time_dependent(progress: Progress, service: Service, evidence: Evidence) -> bool:
-    """Return whether progress may change with the time alone. It must cover every comparison with the clock in
-    advanced() and judged()."""
+def _changes_at(progress: Progress, service: Service, evidence: Evidence) -> float:
+    """Return when progress may change with the time alone, inf for never. It must cover every comparison with the clock
+    in advanced() and judged()."""
     if progress.relied_on and not progress.ready:
-        return True
+        return -inf
     if progress.doubted_since is not None or len(evidence.observed.of(service.name)) > 1:
-        return True
-    if progress.exits and progress.running_since is not None:  # a stable run forgets them
-        return True
-    if evidence.wanted and progress.running_since is not None and progress.update.baked != progress.update.edition:
-        return True
+        return -inf
+    if progress.running_since is None:
+        return inf
+    if progress.exits:  # a stable run forgets them
+        return -inf
+    if evidence.wanted and progress.update.baked != progress.update.edition:
+        over = bake_ends_at(progress, service)
+        return -inf if over is None else over
     by_time = service.ready is not None and service.ready.delay is not None
-    return by_time and progress.running_since is not None and not progress.ready
+    return -inf if by_time and not progress.ready else inf

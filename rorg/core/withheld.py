@@ -171,11 +171,8 @@ def _unknown(
         return {}
     return {
         name: why
-        for name in observed.by_service()
-        if name not in catalog.services
-        and name not in former
-        and name not in confirmed
-        and (why := _asked(name, requests))
+        for name in observed.undeclared(catalog.services)
+        if name not in former and name not in confirmed and (why := _asked(name, requests))
     }
 
 

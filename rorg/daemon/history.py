@@ -112,7 +112,7 @@ class Historian:
         if revision is None:
             return
         self._note_images(decision, revision.number)
-        self.standing = verdict = standing(decision.situation, decision.plan, revision.standing == GOOD)
+        self.standing = verdict = standing(decision, revision.standing == GOOD)
         if verdict.code != revision.standing:
             self._revision = replace(revision, standing=verdict.code, reason=verdict.reason)
             self._settle(revision.number, verdict.code, verdict.reason)

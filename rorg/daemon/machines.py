@@ -176,9 +176,10 @@ class Machines:
         mine = decision.situation.desired.digests
         progress = decision.situation.memory.progress.items()
         coming = (name for name, p in progress if p.running_since is not None and not p.ready)  # time makes them late
-        anew = mine.keys() if decision.whole else {*decision.replanned, *self._since, *coming} & mine.keys()
+        whole, replanned = decision.planned.whole, decision.planned.replanned
+        anew = mine.keys() if whole else {*replanned, *self._since, *coming} & mine.keys()
         told = Statuses(decision.situation, decision.plan, decision.holds)
-        kept = {} if decision.whole else self.services
+        kept = {} if whole else self.services
         return {**kept, **{name: self._remote(told[name], decision) for name in anew}}
 
     def _remote(self, status: Status, decision: Decision) -> Remote:

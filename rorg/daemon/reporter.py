@@ -146,15 +146,13 @@ class Reporter:
         before, self._observed = self._observed, observed
         if before is observed:
             return
-        changed = changed_items(before.containers if before else (), observed.containers)
-        there = {c.id for c in observed.containers} if changed else set()
-        for container in changed:
-            key = f"container {container.id}"
-            if container.id not in there:
-                self.recorder.forget([key])
-            elif why := unreadable(container):
+        went, came = changed_items(before.containers if before else (), observed.containers)
+        there = {c.id for c in observed.containers} if went else set()
+        self.recorder.forget([f"container {c.id}" for c in went if c.id not in there])
+        for container in came:
+            if why := unreadable(container):
                 text = f"the container {container.name} ({container.id[:12]}): {why}"
-                self.when_new(key, why, "container-unreadable", text)
+                self.when_new(f"container {container.id}", why, "container-unreadable", text)
 
     def _services(self, decision: Decision) -> None:
         """Crashes, stalls and failed changes."""
@@ -207,7 +205,7 @@ class Reporter:
         change without one."""
         situation = decision.situation
         before, self._wanted = self._wanted, situation.wanted
-        changed = decision.whole or before is not situation.wanted
+        changed = decision.planned.whole or before is not situation.wanted
         if not changed or not (situation.ros or self._takeovers):
             return
         for service in situation.desired.catalog.services.values():

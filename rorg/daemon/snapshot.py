@@ -80,10 +80,10 @@ class Snapshots:
         """Must be called with every decision, even if no text of it is needed."""
         with self._noting:
             before, self._decision = self._decision, decision
-            if decision.whole or before is None:
+            if decision.planned.whole or before is None:
                 self._stale = None
             elif self._stale is not None:
-                self._stale.update(decision.replanned)
+                self._stale.update(decision.planned.replanned)
                 for was, out in zip(_out(before), _out(decision), strict=True):
                     self._stale.update(n for n in {*was, *out} if was.get(n) != out.get(n))
 

@@ -41,7 +41,7 @@ def exponent(costs: dict[int, float]) -> float:
 
 
 def settled(robot: SimRobot) -> None:
-    robot.run(lambda r: r.decision.plan.empty and not r.memory.in_flight, 50_000)
+    robot.run(lambda r: not r.memory.in_flight and r.decision.plan.empty, 50_000)
 
 
 def cost(do: Callable[[], object]) -> float:

@@ -7,6 +7,7 @@ import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
+from operator import attrgetter
 
 from rorg.core.decide import Decision, decide
 from rorg.core.desired import Desired, desire
@@ -155,7 +156,7 @@ class SimRobot:
         if not self.faults.unreachable:
             self._seen, self._found = tuple(self.engine.list()), self.engine.find_objects(self.desired.keys)
         unanswered = "the engine does not answer" if self.faults.unreachable else ""
-        looked = {c.id: self.now for c in self._seen}
+        looked = dict.fromkeys(map(attrgetter("id"), self._seen), self.now)
         observed = Observed(self._seen, not self.faults.unreachable, unanswered, self._found, looked)
         return Inputs(
             desired=self.desired,

@@ -216,9 +216,10 @@ class RobotOfPrograms(SimRobot):
     def _account(self) -> None:
         """Updates the use of containers that have changed."""
         containers = tuple(self.engine.list())
-        if not changed_items(self._accounted, containers):
+        went, came = changed_items(self._accounted, containers)
+        if not (went or came):
             return
-        for one in {c.id: c for c in changed_items(self._accounted, containers)}:
+        for one in dict.fromkeys(c.id for c in (*went, *came)):
             self._account_for(one, self.engine.containers.get(one))
         self._accounted = containers
         self.violations.used(self.now, self.use.cores, self.use.memory)
