@@ -155,8 +155,15 @@ DEFECTS_OF_RUNS = (
     Defect(
         "what changes with time is not looked at again",
         "core/tracking.py",
-        "    names.update(touched, kept.volatile)\n",
+        "    names.update(touched, (name for name, at in kept.due.items() if at <= facts.now))\n",
         "    names.update(touched)\n",
+        (FRESH, SERVED, BAKE),
+    ),
+    Defect(
+        "the end of a bake is not looked at",
+        "core/tracking.py",
+        "        return -inf if over is None else over\n",
+        "        return inf\n",
         (FRESH, SERVED, BAKE),
     ),
     Defect(

@@ -42,7 +42,8 @@ class Robot:
         guest.put(deb, "/tmp/rorg.deb")
         guest.sh(f"dpkg -i /tmp/rorg.deb && usermod -aG rorg {PERSON}", 300)
         self.declare(services)
-        guest.sh("systemctl start rorg", 120)
+        guest.sh("systemctl start rorg", 300)
+        wait_for(lambda: guest.run(f"runuser -u {PERSON} -- rorg get")[0] == 0, 300, "rorg to answer")
 
     def copy_project(self) -> None:
         """To /src, as it is in this folder."""
