@@ -88,7 +88,8 @@ ros2: $(VENV)/test-installed
 	RORG_TEST_ROS_CYCLES=$(or $(CYCLES),1000) RORG_TEST_ROS_MINUTES=$(or $(MINUTES),5) $(BIN)/pytest -s tests/test_ros2*.py tests/test_tutorial_ros2.py tests/bench/test_ros2_pausing.py -o norecursedirs=x $(ARGS)
 
 # Steady work on a robot of twenty services for MINUTES: how memory, descriptors and threads change over its second
-# half, and whether what runs is what is asked for. `make test` does the same for some seconds.
+# half, and whether what runs is what is asked for. Every few minutes the engine is restarted, or the disk of the state
+# directory is full for a while. `make test` does the same for some seconds, without faults.
 soak: $(VENV)/test-installed
 	SOAK_MINUTES=$(or $(MINUTES),20) $(BIN)/pytest -s tests/test_soak.py $(ARGS)
 

@@ -121,10 +121,12 @@ class SoakedRorg:
 class Work:
     """Does the same things at a steady rate, in a thread each, until stop()."""
 
-    def __init__(self, rorg: SoakedRorg, seed: int = 1) -> None:
-        self.rorg, self.chance = rorg, random.Random(seed)
+    def __init__(self, rorg: SoakedRorg, excuse: Callable[[], bool], seed: int = 1) -> None:
+        """`excuse`: whether a call may fail at the moment, because of a fault of the engine or the disk."""
+        self.rorg, self.excuse, self.chance = rorg, excuse, random.Random(seed)
         self.counts: dict[str, int] = {}
         self.errors: list[str] = []
+        self.excused = 0
         self._stop = threading.Event()
         self._edits = 0
         rates = ((self.request, 1.0), (self.requester, 3.0), (self.command, 2.0), (self.lease, 4.0), (self.edit, 10.0))
@@ -150,8 +152,14 @@ class Work:
             try:
                 do(chance)
             except Exception:
-                self.errors.append(f"{do.__name__}: {traceback.format_exc()}")
+                self._failed(f"{do.__name__}: {traceback.format_exc()}")
             self.counts[do.__name__] = self.counts.get(do.__name__, 0) + 1
+
+    def _failed(self, how: str) -> None:
+        if self.excuse():
+            self.excused += 1
+        else:
+            self.errors.append(how)
 
     def request(self, chance: random.Random) -> None:
         """Request, wait and release: services, a group, and what needs much."""
@@ -189,7 +197,7 @@ class Work:
         done = commands.run([*words, "--state-dir", str(self.rorg.robot.state.path)], timeout=120.0)
         # `diff` finds differences while others work, and what a service is like is told by `logs` once it has run.
         if done.returncode not in (0, 1):
-            self.errors.append(f"rorg {' '.join(words)}: exit {done.returncode}\n{done.stdout}{done.stderr}")
+            self._failed(f"rorg {' '.join(words)}: exit {done.returncode}\n{done.stdout}{done.stderr}")
 
     def edit(self, chance: random.Random) -> None:
         """Updates a service; every fifth time by a command that fails, which is put right by the next edit."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
+import statistics
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -25,6 +26,8 @@ class Sample:
     """That the interpreter has allocated."""
     descriptors: int
     threads: int
+    latency: float
+    """Median of nine questions about one service, in ms."""
     engine: int
     """Connections that the engine has, with one of the test."""
     state: float
@@ -46,10 +49,20 @@ def sample(rorg: SoakedRorg, began: float) -> Sample:
         blocks=rorg.ask("blocks"),
         descriptors=rorg.seen.num_fds(),
         threads=rorg.seen.num_threads(),
+        latency=latency(rorg),
         engine=sum(words[-1] == path and words[5] == "03" for words in unix),
         state=size(state.path.rglob("*")),
         journal=size(state.path.glob(f"{state.journal.name}*")),
     )
+
+
+def latency(rorg: SoakedRorg) -> float:
+    def one() -> float:
+        began = time.perf_counter()
+        rorg.client.service("clock")
+        return 1000 * (time.perf_counter() - began)
+
+    return statistics.median(one() for _ in range(9))
 
 
 def size(files: Iterable[Path]) -> float:

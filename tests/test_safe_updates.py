@@ -125,7 +125,7 @@ def test_quarantine_does_not_grow_without_bound():
 
     update = Update()
     for n in range(100):
-        update = replace(update, edition=str(n)).quarantine("no")
+        update = replace(update, edition=str(n)).quarantine("no", 0.0)
     assert [*update.quarantined] == [str(n) for n in range(100 - MOST, 100)]
 
 

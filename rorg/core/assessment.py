@@ -13,7 +13,7 @@ from rorg.core.inputs import Cache, Inputs
 from rorg.core.memory import Memory
 from rorg.core.prewarm import Prewarmed, prewarm
 from rorg.core.requests import Settled, note_restarts, settle, tried_again
-from rorg.core.rollout import retried
+from rorg.core.rollout import pardoned, retried
 from rorg.core.schedule import interlocks
 from rorg.core.situation import Measures, Situation, Surroundings
 from rorg.core.tracking import Facts, Tracked, renew_all, track
@@ -106,7 +106,8 @@ class _Assessment:
     def track(self, cache: Cache | None, touched: Collection[str]) -> Tracked | None:
         inputs = self.inputs
         if not inputs.observed.complete:
-            self.memory = renew_all(self.memory, self.desired, inputs.now)
+            memory = replace(self.memory, outage=None if self.memory.outage is None else True)
+            self.memory = renew_all(pardoned(memory, inputs.now), self.desired, inputs.now)
             return None
         facts = Facts(
             memory=self.memory,

@@ -130,7 +130,7 @@ def finish(memory: Memory, outcomes: Iterable[Outcome], now: float) -> Memory:
         name = outcome.action.service
         in_flight.pop(name, None)
         step = _finished(progress.get(name, Progress()), outcome, now)
-        progress[name] = refused(step, outcome.action, outcome.error) if outcome.refused else step
+        progress[name] = refused(step, outcome.action, outcome.error, now) if outcome.refused else step
     return replace(memory, progress=progress, in_flight=in_flight)
 
 

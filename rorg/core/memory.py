@@ -252,6 +252,8 @@ class Memory:
     restarts: Mapping[str, Due] | None = None
     """Requested restarts by service; None before the first complete observation."""
     kept: Kept = Kept()
+    outage: bool | None = None
+    """Whether the engine did not answer in the last pass, though it had before; None until it first answers."""
     prediction: PredictionState = PredictionState()
 
     def of(self, service: str) -> Progress:

@@ -22,6 +22,9 @@ from rorg.core.update import Update
 from rorg.model.catalog import Service
 from rorg.model.units import format_seconds
 
+GOING = 30.0
+"""Seconds before an engine stops answering in which it may have ended containers: Docker gives them 15 s when it is
+stopped."""
 TRIAL = 2.0
 """Seconds of running after which a service without a readiness probe has come up."""
 
@@ -108,7 +111,9 @@ def judged(progress: Progress, service: Service, desired: Desired, evidence: Evi
         # In a set, none is proven before all are (see atomic.py).
         together = service.update.atomic in desired.sets
         return progress if together else replace(progress, update=replace(progress.update, proven=new.id))
-    return failed(progress, verdict.error) if verdict.error and fits(new, service.name, desired) else progress
+    if not (verdict.error and fits(new, service.name, desired)):
+        return progress
+    return failed(progress, verdict.error, evidence.now)
 
 
 def _judged_alone(
@@ -125,7 +130,7 @@ def _judged_alone(
         return _baked(progress, service, current, desired)
     goes_on = progress.running_since is not None and progress.hung != progress.incarnation
     if verdict.error and goes_on and update.since > (progress.running_since or 0.0) and not update.failed:
-        return replace(failed(progress, verdict.error), ready=False, was_ready=False, well_since=None)
+        return replace(failed(progress, verdict.error, evidence.now), ready=False, was_ready=False, well_since=None)
     return progress
 
 
@@ -206,18 +211,18 @@ def _baked(progress: Progress, service: Service, current: Container, desired: De
     return replace(progress, update=replace(update, baked=update.edition))
 
 
-def failed(progress: Progress, error: str) -> Progress:
+def failed(progress: Progress, error: str, now: float) -> Progress:
     """Quarantine the desired edition. The previous container starts without back-off."""
     if progress.update.edition in progress.update.quarantined:
         return progress
-    return replace(progress, exits=0, attempts={}, error="", update=progress.update.quarantine(error))
+    return replace(progress, exits=0, attempts={}, error="", update=progress.update.quarantine(error, now))
 
 
-def refused(progress: Progress, action: Action, error: str) -> Progress:
+def refused(progress: Progress, action: Action, error: str, now: float) -> Progress:
     """Note that the engine refused a trial's start because of what was asked, rather than not answering."""
     operation = action.operation
     tried = operation.trial if isinstance(operation, Start) else ""
-    return failed(progress, error) if tried and tried == progress.update.edition else progress
+    return failed(progress, error, now) if tried and tried == progress.update.edition else progress
 
 
 def retried(memory: Memory, asked: Mapping[str, str]) -> Memory:
@@ -228,3 +233,17 @@ def retried(memory: Memory, asked: Mapping[str, str]) -> Memory:
         if (progress_of := memory.of(name)).update.lifted != at
     }
     return replace(memory, progress={**memory.progress, **progress}) if progress else memory
+
+
+def pardoned(memory: Memory, now: float) -> Memory:
+    """Let changes be tried again that failed right before the engine stopped answering: their programs may have ended
+    with it."""
+    progress = {name: _pardoned(step) for name, step in memory.progress.items() if now - step.update.failed_at <= GOING}
+    return replace(memory, progress={**memory.progress, **progress}) if progress else memory
+
+
+def _pardoned(progress: Progress) -> Progress:
+    """Count its last end as one that rorg asked for."""
+    progress = progress.with_stopped(progress.exited) if progress.exited else progress
+    update = progress.update.pardoned()
+    return replace(progress, exits=0, exited="", attempts={}, error="", update=update)

@@ -48,6 +48,7 @@ class Facts:
             now=self.now,
             booted_at=self.booted_at,
             unplugged=name in self.unplugged,
+            outage=bool(self.memory.outage),
         )
 
 
@@ -83,6 +84,7 @@ def track(kept: Tracked | None, facts: Facts, touched: Collection[str]) -> Track
     set_changes = judged_together(sets_of(names, desired), progress, desired, facts.wanted, facts.observed)
     due |= dict.fromkeys(set_changes, -inf)
     memory = replace(memory, progress={**progress, **set_changes}) if changed or set_changes else memory
+    memory = memory if memory.outage is False else replace(memory, outage=False)
     return Tracked(replace(facts, memory=memory), due)
 
 

@@ -34,6 +34,7 @@ class Evidence:
     - `ready`, `live`: its probe results;
     - `busy`: an engine call on it is under way;
     - `unplugged`: a device of it is missing;
+    - `outage`: the engine answers again, and may have ended the run while it did not;
     - `now`: the loop's clock, in seconds.
     """
 
@@ -45,6 +46,7 @@ class Evidence:
     now: float
     booted_at: str
     unplugged: bool = False
+    outage: bool = False
 
     def looked_since(self, container: Container, moment: float) -> bool:
         """Return whether a look at the container began after that moment."""
@@ -63,7 +65,7 @@ def advanced(progress: Progress, service: Service, evidence: Evidence) -> Progre
     progress = _doubt(progress, service, None if evidence.busy else current, now)
     if evidence.wanted and not evidence.busy:
         progress = _ended_with_another(progress, service, evidence)
-        progress = _exit(progress, current, now, evidence.booted_at)
+        progress = _exit(_excused(progress, current) if evidence.outage else progress, current, now, evidence.booted_at)
     progress = _ready(progress, service, evidence.ready, now)
     progress = _live(progress, service, evidence.live, now) if evidence.wanted and not evidence.busy else progress
     progress = _relied_on(progress, service, evidence.wanted, now)
@@ -168,6 +170,12 @@ def _ended_with_another(progress: Progress, service: Service, evidence: Evidence
         if other is None or not other.alive or progress.counted_on.lost(name, current, other):
             return progress.with_stopped(current.incarnation)
     return progress
+
+
+def _excused(progress: Progress, current: Container | None) -> Progress:
+    """Blame no program for an end while the engine did not answer: a restart of Docker ends all of them."""
+    ended = current is not None and current.ended and current.incarnation == progress.incarnation
+    return progress.with_stopped(progress.incarnation) if ended else progress
 
 
 def _exit(progress: Progress, current: Container | None, now: float, booted_at: str) -> Progress:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from math import inf
 
 from rorg.core.observed import Container
 
@@ -22,6 +23,8 @@ class Update:
     """When it became desired, by the loop's clock; 0 if this rorg found it at its start."""
     quarantined: Mapping[str, str] = field(default_factory=dict)
     """Edition that failed on trial -> why; oldest first. It is not tried again unless a person asks."""
+    failed_at: float = -inf
+    """When it was put there, by the loop's clock. A restart of rorg forgets that."""
     lifted: str = ""
     """When lifting the quarantine was last requested and done."""
     proven: str = ""
@@ -44,10 +47,17 @@ class Update:
         """Why the desired edition is not tried; "" if it may be."""
         return self.quarantined.get(self.edition) or self.drawn
 
-    def quarantine(self, error: str) -> Update:
+    def quarantine(self, error: str, now: float) -> Update:
         """Return the update with the desired edition quarantined."""
-        last = [(e, why) for e, why in self.quarantined.items() if e != self.edition][-(MOST - 1) :]
-        return replace(self, quarantined={**dict(last), self.edition: error})
+        last = list(self._others().items())[-(MOST - 1) :]
+        return replace(self, quarantined={**dict(last), self.edition: error}, failed_at=now)
+
+    def pardoned(self) -> Update:
+        """Return the update with the desired edition free to be tried again."""
+        return replace(self, quarantined=self._others(), failed_at=-inf)
+
+    def _others(self) -> dict[str, str]:
+        return {edition: why for edition, why in self.quarantined.items() if edition != self.edition}
 
     def noting(self, current: Container, present: Mapping[str, str]) -> Update:
         """Note what the current run has read. A run that rorg started has read what was there at the start. For a run

@@ -1,0 +1,84 @@
+"""An engine that goes away takes programs along. A change that was on trial then is not to blame."""
+
+from __future__ import annotations
+
+import pytest
+from conftest import wait_for
+from robots import Daemon, RealRobot, VirtualRobot, write_tree
+from test_updates import later
+
+OLD, NEW = {"EDITION": "old"}, {"EDITION": "new"}
+
+
+def edition(environment: dict[str, str]) -> dict:
+    container = {"environment": environment, "stop_grace_period": "2s"}
+    return {"nav": {"always_on": True, "update": {"bake": "2m"}, "container": container}}
+
+
+def on_trial(virtual: VirtualRobot) -> str:
+    """The digest of a new edition, whose container has just begun."""
+    virtual.declare(edition(OLD))
+    virtual.settle()
+    virtual.declare(edition(NEW))
+    digest = virtual.sim.desired.digests["nav"]
+    virtual.wait(lambda: runs(virtual) == digest)
+    return digest
+
+
+def runs(virtual: VirtualRobot) -> str:
+    return next((c.digest for c in virtual.containers() if c.state == "running"), "")
+
+
+@pytest.mark.parametrize(("before", "tried"), [(3, True), (60, False)])
+def test_a_change_that_fails_right_before_an_outage_is_tried_again(tmp_path, before, tried):
+    virtual = VirtualRobot(tmp_path)
+    digest = on_trial(virtual)
+    virtual.kill("nav")
+    later(virtual, before)
+    assert "its change failed" in virtual.waits("nav")
+    virtual.sim.faults.unreachable = True
+    later(virtual, 10)
+    virtual.sim.faults.unreachable = False
+    later(virtual, 60)
+    assert (runs(virtual) == digest) == tried
+
+
+def test_a_change_that_fails_for_its_own_reasons_is_tried_once_more(tmp_path):
+    virtual = VirtualRobot(tmp_path)
+    digest = on_trial(virtual)
+    virtual.sim.faults.bad[digest] = "exit"
+    virtual.kill("nav")
+    later(virtual, 3)
+    virtual.sim.faults.unreachable = True
+    later(virtual, 10)
+    virtual.sim.faults.unreachable = False
+    later(virtual, 60)
+    assert runs(virtual) not in ("", digest)
+    begun = sum(verb == "start" and service == "nav" for _, verb, service in virtual.sim.engine.calls)
+    assert begun <= 5, "two trials, and the way back twice"
+
+
+def test_a_restart_of_docker_does_not_undo_a_change(tmp_path, dockerd):
+    if not hasattr(dockerd, "folder"):
+        pytest.skip("somebody else runs this engine")
+    robot = RealRobot(tmp_path, "docker", dockerd.host)
+    write_tree(robot.tree, edition(OLD))
+    daemon = Daemon(robot)
+    daemon.start()
+    client = robot.client(patience=60.0)
+    client.wait("nav", timeout=60)
+    old = running(robot)
+    write_tree(robot.tree, edition(NEW))
+    new = wait_for(lambda: running(robot) not in ("", old) and running(robot), 60, "the new edition to run")
+    dockerd.stop()
+    dockerd.start()
+    wait_for(lambda: running(robot) == new, 90, "the new edition to run again")
+    client.wait("nav", timeout=60)
+    assert client.service("nav")["health"] == "Healthy"
+    daemon.stop()
+    robot.close()
+
+
+def running(robot: RealRobot) -> str:
+    """The digest of what the container that runs was made from."""
+    return next((c.digest for c in robot.engine.list() if c.state == "running"), "")
