@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: site demo test engines pythons properties fuzz fuzz-guided proof proof-docker worlds defects mutants soak ros2 lint types bench corpus schemas docs evaluation constraints deb packages arm vm machines clean
+.PHONY: site demo test engines pythons properties fuzz fuzz-guided proof proof-docker worlds defects mutants soak ros2 lint types bench corpus schemas docs evaluation contention constraints deb packages arm vm machines clean
 
 # Debian keeps the venv of its Python in a package of its own; .ci/venv sees to that.
 $(BIN)/rorg: pyproject.toml
@@ -115,6 +115,12 @@ docs: $(BIN)/rorg
 evaluation: $(VENV)/test-installed
 	$(BIN)/python docs/evaluation/evaluate.py
 	$(BIN)/python docs/evaluation/prewarm.py
+
+# How responsive a robot is on a machine with too little CPU, in four ways: docs/evaluation/contention.json, for which
+# `make evaluation` draws tables. As root, on a machine that does nothing else, half an hour for each demand. COMPOSE
+# names a binary of Docker Compose 2. ARGS="--rounds 1 --seconds 10 --save /tmp/try.json --anyway" tries it in minutes.
+contention: $(VENV)/test-installed
+	PYTHONPATH=tests $(BIN)/python docs/evaluation/contention.py $(ARGS)
 
 # dist/rorg_VERSION_ARCHITECTURE.deb, for Debian bookworm. ARCH=arm64 or amd64 for another machine than this one.
 deb: $(BIN)/rorg

@@ -15,18 +15,19 @@ V1 = ("cpu", "cpuacct", "memory")
 
 
 class Slice:
-    """Raises OSError where none can be made. `name` is a `cgroup_parent` for containers."""
+    """Raises OSError where none can be made. `name` is a `cgroup_parent` for containers. `shares`: its weight, where
+    that of another group is 1024."""
 
-    def __init__(self) -> None:
+    def __init__(self, shares: int = 262144) -> None:
         self.name = f"/rorg-test-{uuid.uuid4().hex[:8]}"
         self.v1 = (ROOT / "cpuacct").is_dir()
         for folder in self._folders():
             folder.mkdir(exist_ok=True)
         if self.v1:
-            (self._folder("cpu") / "cpu.shares").write_text("262144")
+            (self._folder("cpu") / "cpu.shares").write_text(str(shares))
         else:
             (ROOT / "cgroup.subtree_control").write_text("+cpu +memory")
-            (self._folder() / "cpu.weight").write_text("10000")
+            (self._folder() / "cpu.weight").write_text(str(min(10000, max(1, shares * 100 // 1024))))
             (self._folder() / "cgroup.subtree_control").write_text("+cpu +memory")
 
     def _folder(self, controller: str = "") -> Path:
@@ -41,14 +42,15 @@ class Slice:
             (folder / "others").mkdir(exist_ok=True)
             (folder / "others" / "cgroup.procs").write_text(str(pid))
 
-    def look(self) -> dict[str, float]:
-        """What Meter asks of the machine, of this group alone. Its pressure figures are left out."""
+    def look(self, below: str = "") -> dict[str, float]:
+        """What Meter asks of the machine, of this group alone, or of a group below it. Its pressure figures are left
+        out."""
         if self.v1:
-            cpu = int((self._folder("cpuacct") / "cpuacct.usage").read_text()) / 1e9
-            memory = _stat(self._folder("memory") / "memory.stat", "total_rss")
+            cpu = int((self._folder("cpuacct") / below / "cpuacct.usage").read_text()) / 1e9
+            memory = _stat(self._folder("memory") / below / "memory.stat", "total_rss")
         else:
-            cpu = _stat(self._folder() / "cpu.stat", "usage_usec") / 1e6
-            memory = _stat(self._folder() / "memory.stat", "anon")
+            cpu = _stat(self._folder() / below / "cpu.stat", "usage_usec") / 1e6
+            memory = _stat(self._folder() / below / "memory.stat", "anon")
         total = psutil.virtual_memory().total
         return {
             "cpu_seconds": cpu,

@@ -14,6 +14,7 @@ from pathlib import Path
 from statistics import mean, stdev
 from typing import Any
 
+import contended
 import emulated
 from weights import CLASSES
 
@@ -255,6 +256,7 @@ def plots() -> None:
         note = "simulated, seed 1; synthetic weights and trace: nothing of this was measured"
         draw(both(catalog, asked, workload, 1), asked, HERE / f"{name}.svg", note)
     emulated.plot()
+    contended.plot()
 
 
 def headline_table(found: Mapping[str, Any]) -> str:
@@ -368,6 +370,7 @@ TABLES: Mapping[str, Callable[[Mapping[str, Any]], str]] = {
     "sensitivity": sensitivity_table,
     "policies": policy_table,
     "emulation": lambda _: emulated.table(),
+    "contention": lambda _: contended.table(),
 }
 PAGES = {PAGE: tuple(TABLES), README: ("headline",)}
 """Page -> its tables."""
