@@ -22,11 +22,19 @@ FILE, PLOT = HERE / "contention.json", HERE / "contention.svg"
 WAYS = {
     "all-on": "everything on",
     "shares": "everything on, CPU shares",
-    "script": "script with Compose",
+    "script": "start-stop script",
     "rorg": "rorg",
 }
 """Names of the ways to run the robot, as in the file and as readers see them."""
-STATES = {"standby": "standby", "chat": "greeting", "tour": "tour", "return": "return"}
+REQUESTS = (
+    ("greeting", "chat", 0),
+    ("tour", "tour", 0),
+    ("return", "return", 0),
+    ("standby after it", "standby", 0),
+    ("second greeting", "chat", 1),
+)
+"""Requests of the tour whose times are shown, as readers call them: state, and number among those of that state."""
+PICTURE = f"![Deadlines missed, time until the robot moves, and time of the tour](evaluation/{PLOT.name})"
 T95 = (12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228, 2.201, 2.179, 2.160, 2.145, 2.131)
 """Student's t for two-sided intervals of 95 %, for 1 degree of freedom and more."""
 INK, QUIET = "#0550ae", "#59636e"
@@ -88,8 +96,8 @@ class Row(NamedTuple):
     """The figure of one run."""
 
 
-def ready_in(state: str) -> Callable[[Mapping[str, Any]], float]:
-    return lambda run: mean(run["ready"][state])
+def ready_in(state: str, number: int) -> Callable[[Mapping[str, Any]], float]:
+    return lambda run: run["ready"][state][number]
 
 
 CONTROL = Row("control loop: deadlines missed (%)", ".1f", lambda run: run["control"]["missed"])
@@ -101,12 +109,12 @@ FIGURES = (
         Row(f"control loop: latency, {name} (ms)", ".1f", lambda run, name=name: 1000 * run["control"][name])
         for name in ("p50", "p95", "p99")
     ),
-    *(Row(f"from request to ready: {title} (s)", ".2f", ready_in(state)) for state, title in STATES.items()),
+    *(Row(f"from request to ready: {title} (s)", ".2f", ready_in(state, n)) for title, state, n in REQUESTS),
     MOVES,
     TOUR,
     Row("CPU (cores)", ".2f", lambda run: run["cpu"]["cores"]),
     Row("CPU seconds for the tour", ".0f", lambda run: run["cpu"]["cores"] * run["seconds"]),
-    Row("of that: engine, script or rorg", ".1f", lambda run: run["cpu"]["engine"] * run["seconds"]),
+    Row("of that: engine, script or rorg, measurement", ".1f", lambda run: run["cpu"]["engine"] * run["seconds"]),
     Row("memory, mean (GB)", ".2f", lambda run: run["memory"]["mean"] / 1e9),
     Row("page faults (thousands)", ".0f", lambda run: run["faults"]["minor"] / 1000),
     Row("of that: from disk", ".0f", lambda run: run["faults"]["major"]),
@@ -122,16 +130,24 @@ def shown(figure: Row, runs: Sequence[Mapping[str, Any]]) -> str:
     return f"{value:{figure.form}}" + ("" if half is None else f" ± {half:{figure.form}}")
 
 
+def summary(run: Mapping[str, Any]) -> str:
+    """A line about a run, while the measurement goes on."""
+    return (
+        f"round {run['round']}, {run['way']}: {run['seconds']:.1f} s, {run['control']['missed']:.1f} % missed, "
+        f"moves after {run['moves']:.2f} s, others used {run['other']:.2f} cores"
+    )
+
+
 def ways_of(level: Mapping[str, Any]) -> list[str]:
     return [way for way in WAYS if runs_of(level, way)]
 
 
 def table() -> str:
-    """A table for each level of demand, with the conditions under which it was measured."""
+    """A table for each level of demand, with the conditions under which it was measured, and the plot."""
     found = measured()
     if not found["levels"]:
         return "Not measured yet: `make contention`."
-    return "\n\n".join(_table(level) for _, level in sorted(found["levels"].items()))
+    return "\n\n".join([*(_table(level) for _, level in sorted(found["levels"].items())), PICTURE])
 
 
 def _table(level: Mapping[str, Any]) -> str:

@@ -29,19 +29,7 @@ from typing import Any
 import contended
 import psutil
 from conftest import wait_for
-from contention_robot import (
-    CORES,
-    FAVOUR,
-    FOREGROUND,
-    PATIENCE,
-    START_WORK,
-    AllOn,
-    Robot,
-    Rorg,
-    Script,
-    Stop,
-    tour_of,
-)
+from contention_robot import CORES, FAVOUR, FOREGROUND, PATIENCE, START_WORK, AllOn, Robot, Rorg, Script, Stop, tour_of
 from dockerd import Dockerd, clean_up, import_base
 from programs.foreground import PERIOD, RECORD
 from slices import Slice
@@ -154,10 +142,10 @@ def toured(robot: Robot, enter: Callable[[str], None], tour: Sequence[Stop]) -> 
             enter(stop.state)
             ready(robot, robot.closure(robot.states[stop.state]))
             took.setdefault(stop.state, []).append(round(time.monotonic() - asked, 4))
-        for time_ in range(stop.times):
+        for again in range(stop.times):
             if stop.work:
                 guided(robot, stop.work)
-            if stop.state == "tour" and not time_:
+            if stop.state == "tour" and not again:
                 moves = time.monotonic() - asked
             time.sleep(stop.wait)
     return {"ready": took, "moves": round(moves, 4)}
@@ -227,7 +215,7 @@ def measure_all(args: argparse.Namespace, group: Slice) -> None:
     robot = Robot(args.demand)
     with engine(group) as host:
         for run, counts in runs(args, robot, group, host):
-            print(said_of(run) + ("" if counts else ": repeated"), flush=True)
+            print(contended.summary(run) + ("" if counts else ": repeated"), flush=True)
             found += [run] if counts else []
             repeated += not counts
         level = {
@@ -250,14 +238,6 @@ def ended(*_: object) -> None:
     """Ends this process, and removes everything first, however often a signal comes."""
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     sys.exit(1)
-
-
-def said_of(run: Mapping[str, Any]) -> str:
-    """A line about a run, while the measurement goes on."""
-    return (
-        f"round {run['round']}, {run['way']}: {run['seconds']:.1f} s, {run['control']['missed']:.1f} % missed, "
-        f"moves after {run['moves']:.2f} s, others used {run['other']:.2f} cores"
-    )
 
 
 @contextmanager
@@ -299,7 +279,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=5, help="runs of each way")
     parser.add_argument("--demand", type=float, default=3.0, help="of all programs together, in machines")
-    parser.add_argument("--seconds", type=float, default=37.0, help="of the tour in which nobody waits for the robot")
+    parser.add_argument("--seconds", type=float, default=30.0, help="of the tour in which nobody waits for the robot")
     parser.add_argument("--seed", type=int, default=1, help="of the waits")
     parser.add_argument("--save", type=Path, default=contended.FILE, help="file in which to replace this level")
     parser.add_argument("--anyway", action="store_true", help="also if other programs use the machine; to try it out")
@@ -307,7 +287,7 @@ def main() -> int:
     if missing := Dockerd.missing():
         parser.error(missing)
     # A niced measurement does not get in the way of others.
-    group = Slice(1024 if os.nice(0) == 0 else 100)
+    group = Slice(1024 if os.nice(0) == 0 else 300)
     # The group can only be removed by a process outside it.
     child = multiprocessing.get_context("fork").Process(target=measure_all, args=(args, group))
     try:
