@@ -218,19 +218,10 @@ def measure_all(args: argparse.Namespace, group: Slice) -> None:
             print(contended.summary(run) + ("" if counts else ": repeated"), flush=True)
             found += [run] if counts else []
             repeated += not counts
-        level = {
-            "demand": args.demand,
-            "seed": args.seed,
-            "waits": args.seconds,
-            "start_work": START_WORK,
-            "checked": not args.anyway,
-            "load": load,
-            "machine": described(group),
-            "repeated": repeated,
-            "runs": found,
-        }
+        level = {"demand": args.demand, "seed": args.seed, "waits": args.seconds, "start_work": START_WORK}
+        level |= {"checked": not args.anyway, "load": load, "machine": described(group), "repeated": repeated}
     saved = json.loads(args.save.read_text()) if args.save.exists() else {"synthetic": True, "levels": {}}
-    saved["levels"][f"{args.demand:g}"] = level
+    saved["levels"][f"{args.demand:g}"] = {**level, "runs": found}
     args.save.write_text(json.dumps(saved, indent=1) + "\n")
 
 
@@ -284,6 +275,7 @@ def main() -> int:
     parser.add_argument("--save", type=Path, default=contended.FILE, help="file in which to replace this level")
     parser.add_argument("--anyway", action="store_true", help="also if other programs use the machine; to try it out")
     args = parser.parse_args()
+    os.environ["PATH"] += os.pathsep + "/usr/sbin"
     if missing := Dockerd.missing():
         parser.error(missing)
     # A niced measurement does not get in the way of others.
