@@ -14,14 +14,16 @@ from rorg.cli.options import FILES, FORMS, SERVICES, Argument, Option, Tree, mom
 from rorg.cli.output import disk_errors, echo, missing, note, print_rows
 from rorg.cli.records import records_of
 from rorg.errors import Invalid
+from rorg.model.units import format_memory
 
 if TYPE_CHECKING:
     from rorg.manifest.fitting import Fit
-    from rorg.model.workload import Distribution
+    from rorg.model.workload import Behaviour, Distribution
 
 DAYS = "7d"
 """How far back it looks by default."""
 DURATIONS = ("start", "resume", "stop")
+LEARNT = (*DURATIONS, "cpu", "memory")
 
 
 def percent(text: str) -> float:
@@ -39,7 +41,7 @@ Margin = Annotated[
 ]
 WorkloadFile = Annotated[
     Path | None,
-    Option("Write a Workload of measured start, resume and stop times, for `rorg simulate`.", completes=FILES),
+    Option("Write a Workload of measured times and use, for `rorg simulate`.", completes=FILES),
 ]
 
 
@@ -55,7 +57,8 @@ def command(
     ] = "diff",
 ) -> None:
     """Propose `resources:` for manifests from measured use: the mean CPU and the peak memory of each service while
-    it ran. With --workload, learn from the journal how long services take to start, resume and stop.
+    it ran. With --workload, learn from the journal how long services take to start, resume and stop, and what
+    they use.
 
     Example: rorg fit navigation --since 24h
     """
@@ -84,27 +87,33 @@ def command(
 
 def _learn(context: Context, services: Collection[str], since: str, file: Path, output: str) -> None:
     """Writes the Workload, and prints the median and the range of each duration. Raises Invalid without any."""
-    from rorg.history.durations import learned_workload
+    from rorg.history.durations import learned_workload, with_use
     from rorg.manifest.workloads import workload_text
 
     with records_of(context) as records:
         events = (record["event"] for record in records.everything() if "event" in record)
         known = learned_workload("measured", (event for event in events if event["at"] >= since))
-    chosen = {name: one for name, one in known.services.items() if name in services}
-    if not chosen:
+        used = with_use(known, records.measured(since))
+    if not any(name in services for name in known.services):
         raise Invalid(
             "learn durations", "the journal has no start of these services in that time", "an earlier --since"
         )
+    chosen = {name: one for name, one in sorted(used.services.items()) if name in services}
     with disk_errors(f"write {file}", "another file"):
-        file.write_text(workload_text(replace(known, services=chosen)), encoding="utf-8")
-    rows = [
-        {"service": name, **{word: _spread(getattr(one, word)) for word in DURATIONS}} for name, one in chosen.items()
-    ]
+        file.write_text(workload_text(replace(used, services=chosen)), encoding="utf-8")
+    rows = [{"service": name, **_told(one)} for name, one in chosen.items()]
     full = [
-        {"service": name, **{word: list(getattr(one, word).values) if getattr(one, word) else [] for word in DURATIONS}}
+        {"service": name, **{word: list(getattr(one, word).values) if getattr(one, word) else [] for word in LEARNT}}
         for name, one in chosen.items()
     ]
-    print_rows(rows, "table" if output == "diff" else output, ("service", *DURATIONS), full=full)
+    print_rows(rows, "table" if output == "diff" else output, ("service", *LEARNT), full=full)
+
+
+def _told(one: Behaviour) -> dict[str, str]:
+    """The median and the range of each duration, and the mean of what it uses."""
+    cpu = "-" if one.cpu is None else f"{one.cpu.mean:.3f}"
+    memory = "-" if one.memory is None else format_memory(round(one.memory.mean))
+    return {**{word: _spread(getattr(one, word)) for word in DURATIONS}, "cpu": cpu, "memory": memory}
 
 
 def _spread(one: Distribution | None) -> str:

@@ -37,6 +37,15 @@ Learn = Annotated[
         completes=FILES,
     ),
 ]
+Cores = Annotated[
+    float | None,
+    Option(
+        "Cores of the machine: while programs want more, each gets its share and comes up more slowly. Default: there "
+        "are always enough.",
+        least=0.1,
+        metavar="N",
+    ),
+]
 Plot = Annotated[
     Path | None,
     Option("Plot CPU, memory and the activity of the robot over time to a .svg, .png or .html.", completes=FILES),
@@ -66,6 +75,7 @@ def command(
     workload: WorkloadFile = None,
     seed: Annotated[int, Option("Random seed.")] = 1,
     learn: Learn = None,
+    cores: Cores = None,
     every: Annotated[float, Option("Time between two samples.", parser=duration, least=0.01)] = 1.0,
     csv: Annotated[Path | None, Option("Write the time series to a file.", completes=FILES)] = None,
     plot: Plot = None,
@@ -90,7 +100,7 @@ def command(
     programs = read_workload(workload) if workload else Workload("manifests")
     _warn(catalog, asked, programs)
     trial = Trial(
-        Tree(context.root, catalog, context.engine_name, context.robot), asked, programs, seed, _learned(learn)
+        Tree(context.root, catalog, context.engine_name, context.robot), asked, programs, seed, _learned(learn), cores
     )
     if compare or sweep:
         try_out(trial, compare, sweep, output, csv, plot)
@@ -113,12 +123,14 @@ def _warn(catalog: Catalog, trace: Trace, workload: Workload) -> None:
 
 def _simulate(trial: Trial, every: float, output: str, csv: Path | None, plot: Path | None) -> None:
     """Simulates the robot with everything on and with time-sharing, and prints, writes and plots the results."""
-    from rorg.tools.sim.report import COLUMNS, WIDE, as_json, rows
+    from rorg.tools.sim.report import COLUMNS, SHORT, WIDE, as_json, rows
     from rorg.tools.sim.simulate import simulate
 
     catalog, asked, programs, seed, learned = trial.tree.catalog, trial.trace, trial.workload, trial.seed, trial.learned
     results = [
-        simulate(catalog, asked, programs, seed, name=name, all_on=all_on, every=every, learned=learned)
+        simulate(
+            catalog, asked, programs, seed, name=name, all_on=all_on, every=every, learned=learned, cores=trial.cores
+        )
         for name, all_on in (("all-on", True), ("rorg", False))
     ]
     if csv:
@@ -128,7 +140,8 @@ def _simulate(trial: Trial, every: float, output: str, csv: Path | None, plot: P
 
         draw(results, asked, plot, f"simulated, seed {seed}; synthetic weights: {programs.name}")
     full = {"trace": asked.name, "workload": programs.name, "seed": seed, "runs": as_json(results)}
-    print_rows(rows(results), output, COLUMNS, WIDE, full=full)
+    columns = COLUMNS if trial.cores is None else (*COLUMNS, SHORT)
+    print_rows(rows(results), output, columns, WIDE, full=full)
 
 
 def _learned(path: Path | None) -> Learned:
@@ -167,6 +180,8 @@ class Trial:
     seed: int
     learned: Learned
     """The usual times of requests as known at the beginning, for services that are prewarmed."""
+    cores: float | None = None
+    """Cores of the machine; None: there are always enough."""
 
     def compare(self, texts: Sequence[str]) -> list[Tried]:
         """Everything on, the tree as declared, and these variants. Raises Invalid."""
@@ -196,6 +211,7 @@ class Trial:
                 name=one.name,
                 all_on=one.name == ALL_ON,
                 learned=self.learned,
+                cores=self.cores,
             )
             for one in variants
         ]
@@ -222,7 +238,7 @@ def try_out(
         write_csv(variants, csv)
     if plot:
         draw(trial, variants, plot)
-    show(variants, output)
+    show(variants, output, trial.cores)
 
 
 def draw(trial: Trial, variants: Sequence[Tried], file: Path) -> None:
@@ -234,7 +250,7 @@ def draw(trial: Trial, variants: Sequence[Tried], file: Path) -> None:
     save(lambda: draw_sweep(variants, trial.trace.name, note), file)
 
 
-def show(variants: Sequence[Tried], output: str) -> None:
+def show(variants: Sequence[Tried], output: str, cores: float | None = None) -> None:
     """Prints a table. Response times (mean, median, 95th percentile) are of the requests that take any time in at least
     one variant; efficient: no other variant is better in CPU, memory and mean response time."""
     full = [one.as_json() for one in variants]
@@ -250,7 +266,7 @@ def show(variants: Sequence[Tried], output: str) -> None:
         }
         for one in full
     ]
-    print_rows(rows, output, SHOWN, ALSO, full=full)
+    print_rows(rows, output, SHOWN if cores is None else (*SHOWN, "cpu_short"), ALSO, full=full)
 
 
 def write_csv(variants: Sequence[Tried], file: Path) -> None:

@@ -1,9 +1,11 @@
-"""Learns from the journal how long engine calls take, and how long services take to start, resume and stop."""
+"""Learns from the journal how long engine calls take, how long services take to start, resume and stop, and what they
+use while they run."""
 
 from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from rorg.model.units import parse_time
@@ -14,6 +16,15 @@ KEPT = 20
 CALLS = frozenset({"create", "start", "pause", "resume", "stop", "remove"})
 BEGINS = {"start": "start", "resume": "resume", "activate": "resume"}
 """Verb after which a service becomes ready -> field of a Behaviour."""
+
+
+def with_use(workload: Workload, measured: Iterable[Mapping[str, Any]]) -> Workload:
+    """The workload with the average cores and bytes of services that were measured, as the journal sums them up."""
+    services = dict(workload.services)
+    for one in measured:
+        use = {"cpu": Distribution((one["cpu"],)), "memory": Distribution((float(one["memory"]),))}
+        services[one["service"]] = replace(services.get(one["service"], Behaviour()), **use)
+    return replace(workload, services=services)
 
 
 def learned_workload(name: str, entries: Iterable[Mapping[str, Any]]) -> Workload:
@@ -51,7 +62,7 @@ def _workload(
         for service in sorted({service for _, service in times})
     }
     shown = {verb: Distribution(tuple(of[-KEPT:])) for verb, of in sorted(calls.items()) if verb != "stop"}
-    return Workload(name, services, calls=shown | ({"stop": Distribution((least,))} if "stop" in calls else {}))
+    return Workload(name, services, calls=shown | ({"stop": Distribution((least,))} if "stop" in calls else {}), probed=True)
 
 
 def _spread(seconds: Sequence[float]) -> Distribution | None:

@@ -73,6 +73,7 @@ class CpuUse(Strict):
 
     active: CoresForm | None = field("While something wants it.", 0.4, unset="`resources.cpu` of its manifest")
     idle: CoresForm | None = field("While it runs and nothing wants it.", 0.1, unset="as active")
+    start: CoresForm | None = field("From its start until it is ready.", 1, unset="as later")
 
 
 class MemoryUse(Strict):
@@ -102,6 +103,12 @@ class WorkloadSpec(Strict):
     calls: dict[Literal["create", "start", "pause", "resume", "stop", "remove"], DurationForm] = field(
         "Duration of engine calls.", {"start": "90ms", "pause": ["12ms", "15ms"]}, dict
     )
+    probed: bool = field(
+        "Times of start and resume last until a probe found the service ready, as `rorg fit` measures them. Otherwise "
+        "they last until the program is up, which its next probe finds.",
+        True,
+        False,
+    )
     classes: dict[Name, BehaviourSpec] = field(
         "Values that several services share.", {"camera": {"crashes": 0.1}}, dict
     )
@@ -117,13 +124,21 @@ def read_workload(path: Path) -> Workload:
 
 
 def workload_text(workload: Workload) -> str:
-    """Writes the measured durations of a workload as YAML, so that read_workload reads them again."""
-    services = {
-        name: {word: _written(spread) for word in ("start", "resume", "stop") if (spread := getattr(one, word))}
-        for name, one in workload.services.items()
+    """Writes the measured values of a workload as YAML, so that read_workload reads them again."""
+    services = {name: _behaviour_text(one) for name, one in workload.services.items()}
+    spec = {
+        "calls": {verb: _written(spread) for verb, spread in workload.calls.items()},
+        **({"probed": True} if workload.probed else {}),
+        "services": services,
     }
-    spec = {"calls": {verb: _written(spread) for verb, spread in workload.calls.items()}, "services": services}
     return yaml_text({"apiVersion": "rorg/v1", "kind": "Workload", "metadata": {"name": workload.name}, "spec": spec})
+
+
+def _behaviour_text(one: Behaviour) -> dict[str, Any]:
+    use: dict[str, Any] = {"cpu": {"active": one.cpu.values[0]}} if one.cpu else {}
+    use |= {"memory": {"active": f"{round(one.memory.values[0] / 1024)}Ki"}} if one.memory else {}
+    times = {word: _written(spread) for word in ("start", "resume", "stop") if (spread := getattr(one, word))}
+    return {**use, **times}
 
 
 def _written(spread: Distribution) -> list[str]:
@@ -145,7 +160,7 @@ def _workload(source: OneDocument[WorkloadSpec]) -> Reading[Workload]:
     services = {name: _behaviour(one, spec.classes) for name, one in spec.services.items()}
     others = _behaviour(spec.others or BehaviourSpec(), spec.classes)
     calls = {str(verb): one.distribution for verb, one in spec.calls.items()}
-    return Workload(source.name, services, others, calls)
+    return Workload(source.name, services, others, calls, spec.probed)
 
 
 def _behaviour(spec: BehaviourSpec, classes: Mapping[str, BehaviourSpec]) -> Behaviour:
@@ -165,6 +180,7 @@ def _behaviour(spec: BehaviourSpec, classes: Mapping[str, BehaviourSpec]) -> Beh
     return Behaviour(
         cpu=use("cpu", "active"),
         cpu_idle=use("cpu", "idle"),
+        cpu_start=use("cpu", "start"),
         memory=use("memory", "active"),
         memory_idle=use("memory", "idle"),
         memory_paused=use("memory", "paused"),

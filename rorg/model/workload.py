@@ -27,6 +27,8 @@ class Behaviour:
     """Cores while something wants it."""
     cpu_idle: Distribution | None = None
     """Cores while it runs and nothing wants it."""
+    cpu_start: Distribution | None = None
+    """Cores from its start until it is ready; None: as later."""
     memory: Distribution | None = None
     """Bytes while something wants it."""
     memory_idle: Distribution | None = None
@@ -53,6 +55,9 @@ class Workload:
     calls: Mapping[str, Distribution] = field(default_factory=dict)
     """Duration of engine calls in seconds, by verb: create, start, pause, resume, stop, remove."""
 
+    probed: bool = False
+    """Times of `start` and `resume` last until a probe found the service ready, as `rorg fit` measures them. Otherwise
+    they last until the program is up, and its next probe finds that."""
     measured: Mapping[tuple[str, str], tuple[float, ...]] = field(default_factory=dict)
     """(verb, service) -> seconds of its calls in a recorded run, in order. They are replayed first; later calls use
     `calls`. The verbs `up` and `again` are the times from a start and from a resume until ready."""

@@ -70,7 +70,8 @@ def calibrated(run: EmulatedRun) -> Workload:
         )
         for name in {*up, *again}
     }
-    return Workload("measured", services, calls={verb: Distribution(seconds) for verb, seconds in run.calls.items()})
+    calls = {verb: Distribution(seconds) for verb, seconds in run.calls.items()}
+    return Workload("measured", services, calls=calls, probed=True)
 
 
 def simulated(catalog: Catalog, trace: Trace, run: EmulatedRun, workload: Workload, all_on: bool) -> RunResult:

@@ -53,9 +53,15 @@ class Programs:
         rate = self.workload.of(service).crashes
         return self._stream(service, "crash").expovariate(rate / HOUR) if rate else inf
 
-    def cores(self, service: str, in_use: bool) -> float:
-        """Cores in use while the program runs."""
+    def starting_cores(self, service: str) -> Distribution | None:
+        """Cores while the program comes up after a start, if they are known."""
+        return self.workload.of(service).cpu_start
+
+    def cores(self, service: str, in_use: bool, starting: bool = False) -> float:
+        """Cores that the program wants while it runs."""
         one = self.workload.of(service)
+        if starting and one.cpu_start is not None:
+            return self._draw(one.cpu_start, service, "cpu")
         active = one.cpu or Distribution((self.services[service].cpu,))
         return self._draw(active if in_use else one.cpu_idle or active, service, "cpu")
 

@@ -10,12 +10,14 @@ from statistics import median
 from typing import Any
 
 from rorg.model.trace import Trace
-from rorg.model.units import format_memory
+from rorg.model.units import format_memory, format_seconds
 from rorg.tools.sim.results import Response, RunResult
 
 COLUMNS = ("run", "cpu", "memory", "peak", "ready", "95%", "never", "violations")
 """Columns of a table with a row for each run."""
 WIDE = ("calls",)
+SHORT = "cpu_short"
+"""Another column if the machine's cores are known."""
 SERIES = ("run", "at", "state", "cpu", "memory", "active", "paused")
 """Columns of a time series with a row for each sample."""
 
@@ -35,6 +37,7 @@ def summary(result: RunResult, against: RunResult | None = None) -> dict[str, An
         },
         "violations": dict(sorted(Counter(v.code for v in result.violations).items())),
         "calls": dict(result.actions or {}),
+        **({} if result.shortage is None else {SHORT: asdict(result.shortage)}),
     }
 
 
@@ -95,7 +98,13 @@ def _row(summary: Mapping[str, Any]) -> dict[str, str]:
         "never": f"{times['never']} of {times['count']}",
         "violations": ", ".join(f"{n} {code}" for code, n in summary["violations"].items()) or "-",
         "calls": ", ".join(f"{n} {verb}" for verb, n in summary["calls"].items()) or "-",
+        **({SHORT: _short(summary[SHORT])} if SHORT in summary else {}),
     }
+
+
+def _short(shortage: Mapping[str, float]) -> str:
+    """For how long programs wanted more than all cores, and how many core seconds they lacked."""
+    return f"{format_seconds(shortage['seconds'])}, {shortage['core_seconds']:.1f} core seconds"
 
 
 def _percent(part: float | None) -> str:

@@ -14,6 +14,7 @@ from rorg.model.graph import closure
 from rorg.model.policy import Budget
 from rorg.model.trace import TraceEvent
 from rorg.model.units import format_memory, format_seconds
+from rorg.tools.sim.contention import Shortage
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +72,8 @@ class RunResult:
     """Core seconds over the run if they were summed up; otherwise they are estimated from the samples."""
     byte_seconds: float | None = None
     """Bytes times seconds, likewise."""
+    shortage: Shortage | None = None
+    """How short the CPU was; None if there was always enough by assumption."""
 
     @property
     def cpu(self) -> float:

@@ -56,20 +56,22 @@ def simulate(
     all_on: bool = False,
     every: float = 1.0,
     learned: Learned | None = None,
+    cores: float | None = None,
 ) -> RunResult:
     """Runs the trace on a robot whose programs behave as the workload says, on a machine on which nothing runs yet.
 
     The same arguments give exactly the same result. `all_on`: for comparison, everything runs all the time; the trace
     then only requests services that could not run together with the rest. `every`: seconds between two samples; sums
     do not depend on it. `learned`: what is already known of requests, for services that are prewarmed; the simulation
-    adds to it. None: nothing is prewarmed.
+    adds to it. None: nothing is prewarmed. `cores`: of the machine. While programs want more, each gets its share, and
+    comes up more slowly; None: use simply adds up, and nothing gets slower.
 
     As in reality, a service makes its requests in its current run. They wait until it is ready, and a run that
     replaces a crashed one repeats the last requests that the trace made in its name. The time until a request is ready
     counts from its time in the trace. Whether a program is in use depends only on what the trace wants, even if
-    everything runs. Use simply adds up: nothing gets slower if the machine is overloaded.
+    everything runs.
     """
-    run = _Run(catalog, trace, Programs(catalog.services, workload, seed), every)
+    run = _Run(catalog, trace, Programs(catalog.services, workload, seed), every, cores)
     run.learned = learned
     if all_on:
         run.turn_on(everything(catalog, trace))
@@ -83,14 +85,15 @@ def simulate(
         dict(sorted(Counter(verb for _, verb, _ in run.engine.calls).items())),
         run.use.cpu_seconds,
         run.use.byte_seconds,
+        run.use.shortage if cores is not None else None,
     )
 
 
 class _Run(RobotOfPrograms):
     """A robot that receives the requests of a trace."""
 
-    def __init__(self, catalog: Catalog, trace: Trace, programs: Programs, every: float) -> None:
-        super().__init__(catalog, programs, every)
+    def __init__(self, catalog: Catalog, trace: Trace, programs: Programs, every: float, cores: float | None) -> None:
+        super().__init__(catalog, programs, every, cores)
         self.trace = trace
         self.responses = Responses(catalog)
         self._standing: dict[tuple[str, str], TraceEvent] = {}
@@ -238,7 +241,7 @@ class _Run(RobotOfPrograms):
         if policy.pressure is None:
             return False
         use = self.use.by_service() if self._mattered else {}
-        self._sample = Load(self.now, self.use.cores, CORES, int(self.use.memory), MEMORY, use=use)
+        self._sample = Load(self.now, self.use.cores, self.use.limit or CORES, int(self.use.memory), MEMORY, use=use)
         self._sample_at = self.now + policy.pressure.step
         matters = self.memory.pressure.engaged or bool(pressed(policy.pressure, policy.budget, self._sample))
         worth, self._mattered = matters or self._mattered, matters

@@ -184,6 +184,7 @@ class Tried:
             "violations": len(self.result.violations),
             "calls": sum((self.result.actions or {}).values()),
             "efficient": self.efficient,
+            **({} if self.result.shortage is None else {"cpu_short": round(self.result.shortage.seconds, 4)}),
         }
 
 
