@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: site demo test engines pythons properties fuzz fuzz-guided proof proof-docker worlds defects mutants soak ros2 lint types bench corpus schemas docs evaluation contention constraints deb packages arm vm machines clean
+.PHONY: site demo test engines pythons properties fuzz fuzz-guided proof proof-docker worlds defects mutants soak ros2 lint types bench corpus schemas docs evaluation contention recorded constraints deb packages arm vm machines clean
 
 # Debian keeps the venv of its Python in a package of its own; .ci/venv sees to that.
 $(BIN)/rorg: pyproject.toml
@@ -121,6 +121,12 @@ evaluation: $(VENV)/test-installed
 # names a binary of Docker Compose 2. ARGS="--rounds 1 --seconds 10 --save /tmp/try.json --anyway" tries it in minutes.
 contention: $(VENV)/test-installed
 	PYTHONPATH=tests $(BIN)/python docs/evaluation/contention.py $(ARGS)
+
+# Three robots run on a private Docker engine, and what was recorded is simulated: how far is the simulator off? A quarter
+# of an hour, as root, on a machine that does nothing else; any other is refused. ARGS="--anyway FILE" to try it anyway.
+recorded: $(VENV)/test-installed
+	PYTHONPATH=tests:.:clients/python $(BIN)/python docs/evaluation/recorded.py $(ARGS)
+	$(if $(findstring --anyway,$(ARGS)),,$(BIN)/python docs/evaluation/evaluate.py --pages)
 
 # dist/rorg_VERSION_ARCHITECTURE.deb, for Debian bookworm. ARCH=arm64 or amd64 for another machine than this one.
 deb: $(BIN)/rorg

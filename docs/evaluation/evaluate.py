@@ -1,13 +1,14 @@
 """Recomputes the evaluation: figures.json, the plots, and the tables of docs/evaluation.md and of README.md. Takes some
 minutes of one core.
 
-`python docs/evaluation/evaluate.py`, or `make evaluation`.
+`python docs/evaluation/evaluate.py`, or `make evaluation`. With `--pages` it only writes the tables again.
 """
 
 from __future__ import annotations
 
 import json
 import random
+import sys
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +17,7 @@ from typing import Any
 
 import contended
 import emulated
+import recorded_table
 from weights import CLASSES
 
 from rorg.manifest.load import load_or_raise
@@ -371,6 +373,7 @@ TABLES: Mapping[str, Callable[[Mapping[str, Any]], str]] = {
     "policies": policy_table,
     "emulation": lambda _: emulated.table(),
     "contention": lambda _: contended.table(),
+    "recorded": lambda _: recorded_table.table(),
 }
 PAGES = {PAGE: tuple(TABLES), README: ("headline",)}
 """Page -> its tables."""
@@ -389,11 +392,14 @@ def page(path: Path, found: Mapping[str, Any]) -> str:
 
 
 def main() -> None:
-    found = figures()
+    """With --pages, only writes the tables of what is known into the pages."""
+    only_pages = "--pages" in sys.argv
+    found = json.loads(FIGURES.read_text(encoding="utf-8")) if only_pages else figures()
     FIGURES.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     for path in PAGES:
         path.write_text(page(path, found), encoding="utf-8")
-    plots()
+    if not only_pages:
+        plots()
 
 
 if __name__ == "__main__":

@@ -57,7 +57,12 @@ class Robot:
 def stand_in(cpu: float, memory: float, environment: Mapping[str, str] | None = None, **spec: Any) -> dict[str, Any]:
     """The spec of a service whose program is a stand-in. `memory`: MiB."""
     uses = {"STANDIN_CPU": f"{cpu:g}", "STANDIN_MEMORY": f"{round(memory * (1 << 20))}"}
-    container = {"network_mode": "host", "init": True, "volumes": [f"{STANDIN}:/standin:ro"], "environment": {**uses, **(environment or {})}}
+    container = {
+        "network_mode": "host",
+        "init": True,
+        "volumes": [f"{STANDIN}:/standin:ro"],
+        "environment": {**uses, **(environment or {})},
+    }
     return {
         **spec,
         "image": BASE_IMAGE,
@@ -70,10 +75,15 @@ def stand_in(cpu: float, memory: float, environment: Mapping[str, str] | None = 
 _ports = itertools.count(PORT)
 
 
-def probed(cpu: float, memory: float, start: float, stop: float = 0.0, load: float = 0.0, **spec: Any) -> dict[str, Any]:
+def probed(
+    cpu: float, memory: float, start: float, stop: float = 0.0, load: float = 0.0, **spec: Any
+) -> dict[str, Any]:
     """The same, ready when its port answers. `start`: seconds until then; `stop`: until it ends; `load`: CPU seconds
     that it works before it is ready."""
-    port, times = next(_ports), {"STANDIN_START": f"{start:g}", "STANDIN_STOP": f"{stop:g}", "STANDIN_LOAD": f"{load:g}"}
+    port, times = (
+        next(_ports),
+        {"STANDIN_START": f"{start:g}", "STANDIN_STOP": f"{stop:g}", "STANDIN_START_CPU": f"{load:g}"},
+    )
     return stand_in(cpu, memory, {**times, "STANDIN_READY": f"tcp:{port}"}, **{"ready": {"tcp": port}, **spec})
 
 
@@ -95,7 +105,9 @@ def tour_guide() -> Robot:
 
 
 def _specs(kind: str) -> dict[str, Any]:
-    documents = (yaml.safe_load(path.read_text()) for path in sorted((ROOT / "manifests" / FOLDERS[kind]).glob("*.yaml")))
+    documents = (
+        yaml.safe_load(path.read_text()) for path in sorted((ROOT / "manifests" / FOLDERS[kind]).glob("*.yaml"))
+    )
     return {one["metadata"]["name"]: one["spec"] for one in documents}
 
 
@@ -158,26 +170,24 @@ def crowded_robot() -> Robot:
     return Robot(services, sorted(asks, key=lambda one: one.at), 150.0, {"Group": groups, "Policy": policy})
 
 
-LOADERS = {"small": 0.5, "large": 1.5}
+LOADERS = {"small": 1.0, "large": 3.0}
 """Service -> CPU seconds that it works until it is ready."""
-BURNERS = {"even": 1024, "favoured": 2048, "lesser": 512}
-"""Kind of a service that burns a core -> its cpu_shares."""
+BURNERS = (1024, 1024, 1024, 2048, 512, 512)
+"""cpu_shares of services that burn a core each; the first half, and all, can be divided evenly among two cores."""
 
 
-def busy_robot(demand: float, seconds: float) -> Robot:
+def busy_robot(demand: float, seconds: float = 60.0) -> Robot:
     """Burners that together want `demand` cores, and loaders that are requested again and again meanwhile."""
-    burners = {
-        f"{kind}{number}": stand_in(1.0, 20, idle={"action": "stop", "linger": "0s"}, container={"cpu_shares": shares})
-        for number, (kind, shares) in zip(range(round(demand)), itertools.cycle(BURNERS.items()), strict=False)
-    }
-    loaders = {
-        name: probed(0.05, 20, 0.0, load=load, idle={"action": "stop", "linger": "0s"}) for name, load in LOADERS.items()
-    }
-    asks = [Ask(2.0, "burn", tuple(burners))] if burners else []
-    for begin, name, every in ((6.0, "small", 9.0), (10.0, "large", 12.0)):
+    stop = {"action": "stop", "linger": "0s"}
+    shares = itertools.islice(itertools.cycle(BURNERS), round(demand))
+    services = {f"burner{n}": stand_in(1.0, 20, idle=stop, container={"cpu_shares": s}) for n, s in enumerate(shares)}
+    asks = [Ask(2.0, "burn", tuple(services))] if services else []
+    for name, begin, every in (("small", 6.0, 9.0), ("large", 10.0, 16.0)):
+        load = probed(0.05, 20, 0.0, load=LOADERS[name], idle=stop)
+        services[name] = {**load, "ready": {**load["ready"], "interval": "50ms"}}
         for at in _times(begin, every, seconds - every):
             asks += [Ask(at, name, (name,)), Ask(at + every - 2.0, name)]
-    return Robot({**burners, **loaders}, sorted(asks, key=lambda one: one.at), seconds)
+    return Robot(services, sorted(asks, key=lambda one: one.at), seconds)
 
 
 def _times(begin: float, every: float, end: float) -> Iterable[float]:

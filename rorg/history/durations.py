@@ -22,8 +22,8 @@ def with_use(workload: Workload, measured: Iterable[Mapping[str, Any]]) -> Workl
     """The workload with the average cores and bytes of services that were measured, as the journal sums them up."""
     services = dict(workload.services)
     for one in measured:
-        use = {"cpu": Distribution((one["cpu"],)), "memory": Distribution((float(one["memory"]),))}
-        services[one["service"]] = replace(services.get(one["service"], Behaviour()), **use)
+        cpu, memory = Distribution((one["cpu"],)), Distribution((float(one["memory"]),))
+        services[one["service"]] = replace(services.get(one["service"], Behaviour()), cpu=cpu, memory=memory)
     return replace(workload, services=services)
 
 
@@ -62,7 +62,9 @@ def _workload(
         for service in sorted({service for _, service in times})
     }
     shown = {verb: Distribution(tuple(of[-KEPT:])) for verb, of in sorted(calls.items()) if verb != "stop"}
-    return Workload(name, services, calls=shown | ({"stop": Distribution((least,))} if "stop" in calls else {}), probed=True)
+    return Workload(
+        name, services, calls=shown | ({"stop": Distribution((least,))} if "stop" in calls else {}), probed=True
+    )
 
 
 def _spread(seconds: Sequence[float]) -> Distribution | None:

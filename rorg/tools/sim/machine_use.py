@@ -15,7 +15,8 @@ class Use:
 
     service: str
     doing: tuple[str, bool, str, bool]
-    """Its state, whether it is in use, when this run began, and whether it still comes up: if one of them changes, so does its use."""
+    """Its state, whether it is in use, when this run began, and whether it still comes up: if one of them changes, so
+    does its use."""
     cores: float
     """Cores that it wants; it gets fewer while the CPU is short."""
     memory: float

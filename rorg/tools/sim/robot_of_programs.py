@@ -13,13 +13,12 @@ from rorg.core.memory import ProbeResult
 from rorg.core.observed import Container
 from rorg.core.operations import Activate, Deactivate, Pause, Resume, Start
 from rorg.core.plan import Action
-from rorg.model.catalog import Catalog
 from rorg.core.steps import DEFAULT_SHARES
+from rorg.model.catalog import Catalog
 from rorg.tools.sim.machine_use import MachineUse, Use
 from rorg.tools.sim.programs import Programs
 from rorg.tools.sim.results import Violations
 from rorg.tools.sim.robot import SimRobot
-
 
 ANSWER = 0.002
 """Seconds until a probe is answered."""
