@@ -50,9 +50,9 @@ def figures(result: RunResult) -> dict[str, Any]:
         "waits": {
             "count": len(result.responses),
             "never": len(result.responses) - len(waits),
-            "median": round(median(waits), 4),
+            "median": round(median(waits or [0.0]), 4),
             "sum": round(sum(waits), 4),
-            "longest": round(max(waits), 4),
+            "longest": round(max(waits, default=0.0), 4),
         },
     }
 
@@ -62,7 +62,7 @@ def compared(run: Recorded, workload: Workload, cores: float | None = None) -> d
     found = simulate(run.catalog, run.trace, workload, SEED, every=0.05, learned=Learned(), cores=cores)
     agreed = agreement(found, run.result)
     times = {"services": round(agreed.services, 4), "sets": round(agreed.sets, 4), "differing": dict(agreed.differing)}
-    short = {} if found.shortage is None else {"short": asdict(found.shortage)}
+    short = {} if found.shortage is None else {"short": {k: round(v, 2) for k, v in asdict(found.shortage).items()}}
     return {**figures(found), "agreement": times, **short}
 
 
