@@ -38,7 +38,7 @@ from rorg.tools.sim.validity import Conditions
 
 LOOK, LOOKS = 0.25, 4
 """Seconds between two looks at what services use; looks for each sample."""
-PATIENCE = 60.0
+PATIENCE = 180.0
 """Seconds to wait for rorg to answer or end."""
 DAEMONS = ("dockerd", "containerd", "containerd-shim")
 """The names of an engine's processes, of which the system keeps fifteen letters."""
