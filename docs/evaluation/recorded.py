@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import signal
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -142,6 +143,7 @@ def main() -> None:
     parser.add_argument("--anyway", type=Path, metavar="FILE", help="measure also on a busy machine, into this file")
     parser.add_argument("names", nargs="*", help=f"of {', '.join([*ROBOTS, SHORT])}; default: all")
     chosen = parser.parse_args()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that nothing is left behind
     names = chosen.names or [*ROBOTS, SHORT]
     with engine() as host:
         recording = Recording(host, anyway=chosen.anyway is not None)
