@@ -64,12 +64,11 @@ def simulate(
     then only requests services that could not run together with the rest. `every`: seconds between two samples; sums
     do not depend on it. `learned`: what is already known of requests, for services that are prewarmed; the simulation
     adds to it. None: nothing is prewarmed. `cores`: of the machine. While programs want more, each gets its share, and
-    comes up more slowly; None: use simply adds up, and nothing gets slower.
+    comes up more slowly; None: there are always enough.
 
     As in reality, a service makes its requests in its current run. They wait until it is ready, and a run that
     replaces a crashed one repeats the last requests that the trace made in its name. The time until a request is ready
-    counts from its time in the trace. Whether a program is in use depends only on what the trace wants, even if
-    everything runs.
+    counts from its time in the trace. A program is in use while the trace wants it, even if everything runs.
     """
     run = _Run(catalog, trace, Programs(catalog.services, workload, seed), every, cores)
     run.learned = learned
