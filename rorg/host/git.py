@@ -121,18 +121,30 @@ def committed(root: Path, path: Path) -> bool:
 
 def wait_for_locks(root: Path, since: float) -> None:
     """Wait for a git that a killed rorg has started and that still runs. If it was killed too, remove its locks: those
-    made after `since` (seconds since the epoch) that no running git is old enough to have made."""
+    made after `since` (seconds since the epoch) that no git at work in this repository is old enough to have made."""
     git, deadline = git_dir(root), time.monotonic() + COMMIT_PATIENCE
     while git and (left := _locks(git, since)) and time.monotonic() < deadline:
         begun = [
             p.info["create_time"] or 0.0
             for p in psutil.process_iter(["name", "create_time"])
-            if p.info["name"] == "git"
+            if p.info["name"] == "git" and _is_in(p, root)
         ]
         for lock, made in left.items():
             if all(at > made + AGAIN for at in begun):
                 lock.unlink(missing_ok=True)
         time.sleep(AGAIN)
+
+
+def _is_in(process: psutil.Process, root: Path) -> bool:
+    """Whether a git works in the repository of this directory: it goes to the top of the work tree. A server, or a git
+    of another repository, does not."""
+    found = repository(root)
+    try:
+        return found is None or Path(process.cwd()).is_relative_to(found.parent)
+    except psutil.AccessDenied:  # somebody else's: it may be
+        return True
+    except psutil.Error:
+        return False
 
 
 def _locks(git: Path, since: float) -> dict[Path, float]:

@@ -127,6 +127,16 @@ def hook(robot: Robot, text: str) -> None:
     path.chmod(0o755)
 
 
+@pytest.fixture
+def git_elsewhere(tmp_path):
+    """A git that goes on in another repository, as that of a server."""
+    subprocess.run(["git", "init", "--quiet", tmp_path / "other"], check=True)
+    with subprocess.Popen(["git", "-C", tmp_path / "other", "cat-file", "--batch"], stdin=subprocess.PIPE) as git:
+        yield
+        git.stdin.close()
+
+
+@pytest.mark.usefixtures("git_elsewhere")
 @pytest.mark.parametrize("also", ["", "kill -9 $PPID\n"], ids=["git goes on", "git is killed too"])
 def test_a_kill_while_git_commits_leaves_no_lock_and_nothing_uncommitted(robot, also):
     robot.start()
