@@ -1,0 +1,342 @@
+"""The verdict on a change (rorg/core/rollout.py): each case says exactly which fields change."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from typing import Any
+
+import pytest
+
+from rorg.core.desired import Desired, desire
+from rorg.core.memory import NONE, Attempt, Memory, ProbeResult, Progress
+from rorg.core.observed import Container, Observed
+from rorg.core.operations import Create, Start
+from rorg.core.plan import Action
+from rorg.core.rollout import came_up_at, candidate, failed, has_come_up, judged, refused, renewed, retried
+from rorg.core.transitions import Evidence
+from rorg.core.update import Update
+from rorg.model.catalog import Catalog, Probe, Service, Updating
+
+SPEC = {"image": "x"}
+BASE = Service("base", spec=SPEC)
+PROBED = replace(BASE, ready=Probe("tcp", 80, timeout=30.0))
+DELAYED = replace(BASE, ready=Probe("delay", 5.0))
+WATCHED = replace(BASE, live=Probe("tcp", 80))
+NOW, EARLIER = 100.0, 90.0
+STARTED = "2026-01-01T12:00:00Z"
+RUN = f"aaaaaaaaaaaa@{STARTED}"
+EDITION = Update(edition="now", since=80.0)
+STARTING = Progress(incarnation=RUN, running_since=EARLIER, update=EDITION)
+WELL = replace(STARTING, ready=True, was_ready=True, well_since=EARLIER)
+"""Ready for ten seconds; a bake of two seconds ended at 92."""
+BAKED = {"update": replace(EDITION, baked="now")}
+FAILED = {"start": Attempt(error="no")}
+OLD = Container("b" * 64, "base.old", "base", "exited", "2026-01-01T10:00:00Z")
+
+
+def desired_of(service: Service, **more: Any) -> Desired:
+    return replace(desire(Catalog(services={"base": service})), **more)
+
+
+DIGEST = desired_of(BASE).digests["base"]
+
+
+def base(state: str = "running", started: str = STARTED, digest: str = DIGEST, **more: Any) -> Container:
+    return Container("a" * 64, "base", "base", state, started, digest=digest, **more)
+
+
+def changes(
+    progress: Progress, *seen: Container, service: Service = BASE, looked: float = NOW, sets: Any = None, **more: Any
+) -> dict[str, Any]:
+    """The fields that differ after the judgement. A look at each container began at `looked`."""
+    observed = Observed(seen, looked={c.id: looked for c in seen})
+    facts = {"wanted": True, "ready": None, "live": None, "busy": False, "now": NOW, "booted_at": "", **more}
+    desired = desired_of(service, **({} if sets is None else {"sets": sets}))
+    found = judged(progress, service, desired, Evidence(observed=observed, **facts))
+    values = {f.name: getattr(found, f.name) for f in fields(found)}
+    return {name: value for name, value in values.items() if value != getattr(progress, name)}
+
+
+def said(ok: bool = True, at: float = 99.0, run: str = RUN, failures: int = 1) -> ProbeResult:
+    return ProbeResult(run, ok, at, "" if ok else "refused", 0 if ok else failures)
+
+
+def quarantined(why: str, **more: Any) -> dict[str, Any]:
+    """Its change has failed; nothing else was wrong with it before."""
+    return {"update": replace(EDITION, quarantined={"now": why}), **more}
+
+
+# -- the bake --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("more", "changed"),
+    [
+        ({"now": 91.9}, {}),
+        ({"now": 92.0, "looked": 91.9}, {"unproven_since": 92.0}),
+        ({"now": 92.0, "looked": 92.0}, BAKED),
+    ],
+)
+def test_a_run_must_be_seen_well_after_its_bake(more, changed):
+    assert changes(WELL, base(), **more) == changed
+    assert changes(WELL, base(), service=DELAYED, **more) == changed
+
+
+def test_a_change_bakes_from_its_declaration_on():
+    later = replace(WELL, update=replace(EDITION, since=99.5))
+    assert changes(later, base(), now=99.4) == {}
+    assert changes(later, base(), now=99.5)["update"].baked == "now"
+
+
+@pytest.mark.parametrize(
+    ("ready", "more", "changed"),
+    [
+        (None, {}, {"unproven_since": 92.0}),
+        (said(at=91.9), {}, {"unproven_since": 92.0}),
+        (said(run="another"), {}, {"unproven_since": 92.0}),
+        (said(at=92.0), {}, BAKED),
+        (said(), {"looked": 91.9}, {"unproven_since": 92.0}),
+        (said(False), {"now": 121.9}, {"unproven_since": 92.0}),
+        (said(False, failures=0), {"now": 122.0, "looked": 122.0}, {"unproven_since": 92.0}),
+    ],
+)
+def test_its_probe_must_answer_after_the_bake(ready, more, changed):
+    assert changes(WELL, base(), service=PROBED, ready=ready, **more) == changed
+
+
+def test_its_live_probe_must_answer_too():
+    assert changes(WELL, base(), service=WATCHED) == {"unproven_since": 92.0}
+    assert changes(WELL, base(), service=WATCHED, live=said()) == BAKED
+    assert changes(WELL, base(), service=WATCHED, live=said(False), now=500.0) == {"unproven_since": 92.0}
+    both = replace(PROBED, live=WATCHED.live)
+    assert changes(WELL, base(), service=both, ready=said()) == {"unproven_since": 92.0}
+    assert changes(WELL, base(), service=both, ready=said(), live=said()) == BAKED
+    assert changes(replace(WELL, was_ready=False), base(), service=WATCHED) == BAKED, "it is not asked yet"
+
+
+@pytest.mark.parametrize(
+    ("known", "seen", "more"),
+    [
+        ({}, base(), {"wanted": False}),
+        ({}, base(), {"busy": True}),
+        ({}, base(), {"unplugged": True}),
+        ({"update": replace(EDITION, drawn="arm failed")}, base(), {}),
+        ({"update": replace(EDITION, baked="now")}, base(), {}),
+        ({}, base(digest="another"), {}),
+        ({"doubted_since": 95.0}, base(), {}),
+        ({"running_since": None}, base(), {}),
+        ({}, base("paused"), {}),
+    ],
+    ids=["unwanted", "busy", "unplugged", "drawn", "baked", "another", "doubted", "not yet seen", "paused"],
+)
+def test_no_verdict_is_due_without_a_run_to_judge(known, seen, more):
+    progress = replace(WELL, unproven_since=92.0, **known)
+    assert changes(progress, seen, **more) == {"unproven_since": None}
+    assert changes(replace(progress, unproven_since=None), seen, **more) == {}
+    assert changes(progress, **more) == {"unproven_since": None}, "it has no container"
+
+
+def test_a_run_that_has_not_read_a_file_says_nothing_about_it():
+    reading = replace(WELL, update=replace(EDITION, run=RUN, content={"map": "1"}))
+    desired = {"contents": {"base": {"map": "2"}}}
+    evidence = Evidence(
+        wanted=True,
+        observed=Observed((base(),), looked={"a" * 64: NOW}),
+        ready=None,
+        live=None,
+        busy=False,
+        now=NOW,
+        booted_at="",
+    )
+    for on_change, baked in (("restart", ""), ("SIGHUP", ""), ("none", "now")):
+        service = replace(BASE, on_change=on_change)
+        assert judged(reading, service, desired_of(service, **desired), evidence).update.baked == baked
+    assert judged(reading, BASE, desired_of(BASE, contents={"base": {"map": "1"}}), evidence).update.baked == "now"
+
+
+def test_a_task_that_has_ended_well_has_passed():
+    task = replace(BASE, restart="never")
+    ended = replace(NONE, incarnation=RUN, exited=RUN, error="ended with exit code 0", update=EDITION)
+    assert changes(ended, base("exited", exit_code=0), service=task) == BAKED
+    for seen, service in ((base("exited", exit_code=1), task), (base("exited", exit_code=0), BASE)):
+        assert changes(ended, seen, service=service) == {}
+    assert changes(replace(ended, exited=""), base("exited", exit_code=0), service=task) == {}
+
+
+# -- changes of the probes alone -------------------------------------------------------------------------------
+
+
+PROBES = replace(STARTING, update=replace(EDITION, since=95.0))
+"""A run that began before its probes changed."""
+
+
+def lost(why: str, **more: Any) -> dict[str, Any]:
+    return {"update": replace(PROBES.update, quarantined={"now": why}), **more}
+
+
+def test_a_run_that_does_not_answer_new_probes_in_time_is_no_longer_ready():
+    late = {"service": PROBED, "now": 125.0, "looked": 125.0}
+    denied = said(False, at=125.0)
+    known = replace(PROBES, probe="refused", exits=1, attempts=FAILED, error="bad")
+    found = lost("not ready within 30 s: refused", exits=0, attempts={}, error="")
+    assert changes(known, base(), ready=denied, **late) == found
+    assert changes(known, base(), ready=denied, **{**late, "now": 124.9}) == {}
+    waits = {"unproven_since": 125.0}
+    assert changes(known, base(), **late) == waits
+    assert changes(known, base(), ready=denied, **{**late, "looked": 124.9}) == waits
+    assert changes(replace(known, update=EDITION), base(), ready=denied, **late) == {}, "the run is what changed"
+    assert changes(replace(known, probe=""), base(), ready=denied, **late)["update"].failed == "not ready within 30 s"
+
+
+def test_a_ready_run_that_denies_its_new_probe_has_the_time_of_the_probe():
+    known = replace(WELL, update=replace(EDITION, since=95.0))
+    denied = said(False, at=125.0)
+    more = {"service": PROBED, "ready": denied, "looked": 125.0}
+    assert changes(known, base(), now=124.9, **more) == {"unproven_since": 95.0}
+    found = changes(known, base(), now=125.0, **more)
+    gone = {"ready": False, "was_ready": False, "well_since": None}
+    assert found == lost("not ready within 30 s: refused", **gone)
+
+
+def test_a_run_that_was_ready_or_hangs_fails_with_what_its_probe_said():
+    was = replace(PROBES, was_ready=True)
+    assert changes(was, base(), service=PROBED) == lost("no longer ready", was_ready=False)
+    told = replace(was, probe="refused")
+    assert changes(told, base(), service=PROBED) == lost("no longer ready: refused", was_ready=False)
+    hung = replace(PROBES, hung=RUN, error="did not answer")
+    assert changes(hung, base(), service=WATCHED) == {}, "it is restarted instead"
+    drawn = replace(was, update=replace(was.update, quarantined={"now": "bad"}))
+    assert changes(drawn, base(), service=PROBED) == {}
+
+
+# -- trials ----------------------------------------------------------------------------------------------------
+
+
+NEW = base(previous=OLD.id, created_at="2026-01-01T11:00:00Z")
+
+
+def test_the_new_container_is_the_one_with_an_unproven_predecessor():
+    assert candidate([NEW, OLD], EDITION) == (NEW, OLD)
+    assert candidate([OLD, NEW], EDITION) == (NEW, OLD)
+    assert candidate([NEW, OLD], replace(EDITION, proven=NEW.id)) is None
+    assert candidate([NEW], EDITION) is None
+    assert candidate([base(), OLD], EDITION) is None
+
+
+def test_a_trial_that_stays_well_is_proven():
+    assert changes(WELL, NEW, OLD) == {"update": replace(EDITION, baked="now", proven=NEW.id)}
+    together = replace(BASE, update=Updating(atomic="motion"))
+    assert changes(WELL, NEW, OLD, service=together, sets={"motion": ("base", "arm")}) == BAKED
+    assert changes(WELL, NEW, OLD, service=together, sets={}) == {
+        "update": replace(EDITION, baked="now", proven=NEW.id)
+    }
+    assert changes(WELL, NEW, replace(OLD, started_at="2026-01-02", state="running")) == {}, (
+        "the previous one came back"
+    )
+
+
+def test_without_a_probe_others_may_rely_on_a_trial_before_its_bake_ends():
+    slow = replace(BASE, update=Updating(bake=60.0))
+    assert changes(WELL, NEW, OLD, service=slow, now=91.9) == {}
+    assert changes(WELL, NEW, OLD, service=slow, now=92.0) == {"unproven_since": 92.0}
+    assert changes(WELL, NEW, OLD, service=replace(slow, ready=PROBED.ready), ready=said(), now=92.0) == {}
+    assert changes(STARTING, NEW, OLD, service=slow) == {}
+
+
+@pytest.mark.parametrize(
+    ("known", "seen", "service", "why"),
+    [
+        ({"exited": RUN, "error": "ended with exit code 1"}, "exited", BASE, "ended with exit code 1"),
+        ({"hung": RUN, "error": "did not answer"}, "running", WATCHED, "did not answer"),
+        ({"hung": RUN}, "running", WATCHED, "it does not answer any more"),
+        ({"was_ready": True, "probe": "refused"}, "running", PROBED, "no longer ready: refused"),
+    ],
+)
+def test_a_trial_fails_if_it_ends_hangs_or_is_lost(known, seen, service, why):
+    progress = replace(STARTING, exits=1, attempts=FAILED, **known)
+    clean = {"exits": 0, "attempts": {}, **({"error": ""} if "error" in known else {})}
+    changed = replace(NEW, state=seen, exit_code=1 if seen == "exited" else None)
+    assert changes(progress, changed, OLD, service=service) == quarantined(why, **clean)
+    other = replace(changed, digest="another")
+    assert changes(progress, other, OLD, service=service) == {}, "it is not what the manifest says now"
+
+
+def test_a_trial_that_is_not_ready_in_time_fails():
+    late = {"service": PROBED, "now": 120.0, "looked": 120.0, "ready": said(False, at=120.0)}
+    assert changes(STARTING, NEW, OLD, **late) == quarantined("not ready within 30 s")
+    assert changes(STARTING, NEW, OLD, **{**late, "now": 119.9}) == {}
+    assert changes(STARTING, NEW, OLD, **{**late, "service": DELAYED}) == {}
+
+
+def test_a_way_back_that_was_not_noted_is_noted_later():
+    """An earlier rorg ended after it had started the previous container again."""
+    back = replace(OLD, state="running", started_at="2026-01-01T13:00:00Z")
+    ended = replace(NEW, state="exited", exit_code=3)
+    assert changes(STARTING, back, ended) == quarantined("ended with exit code 3")
+    assert changes(STARTING, back, replace(ended, error="no such file")) == quarantined("no such file")
+    before = replace(back, started_at=NEW.created_at)
+    assert changes(STARTING, before, ended) == {}, "it has run all the time"
+    assert changes(STARTING, replace(back, state="exited"), ended) == {}
+    assert changes(STARTING, back, replace(ended, digest="another")) == {}
+
+
+# -- what others may rely on -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("service", "bake", "up"), [(BASE, 60.0, 92.0), (BASE, 1.0, 91.0), (DELAYED, 60.0, 92.0), (PROBED, 60.0, 90.0)]
+)
+def test_a_run_has_come_up_when_it_is_ready_or_after_a_moment(service, bake, up):
+    service = replace(service, update=Updating(bake=bake))
+    assert came_up_at(WELL, service) == up
+    assert came_up_at(STARTING, service) is None
+    assert not has_come_up(WELL, service, up, up - 0.1)
+    assert has_come_up(WELL, service, up, up)
+    assert has_come_up(WELL, service, up - 0.1, up + 5) == (service.ready == PROBED.ready)
+    assert has_come_up(WELL, service, None, up + 5) == (service.ready == PROBED.ready)
+    assert not has_come_up(STARTING, service, NOW, NOW)
+
+
+# -- editions --------------------------------------------------------------------------------------------------
+
+
+def test_a_new_edition_begins_without_back_off():
+    known = replace(NONE, exits=2, attempts=FAILED, error="bad", update=EDITION)
+    assert renewed(known, "now", NOW) is known
+    begun = replace(NONE, update=replace(EDITION, edition="next", since=NOW))
+    assert renewed(known, "next", NOW) == begun
+    first = replace(known, update=Update())
+    assert renewed(first, "next", NOW) == replace(first, update=Update(edition="next")), "rorg has just begun"
+
+
+def test_a_failed_edition_is_quarantined_once():
+    known = replace(NONE, exits=2, attempts=FAILED, error="bad", update=EDITION)
+    found = failed(known, "late")
+    assert found == replace(NONE, update=replace(EDITION, quarantined={"now": "late"}))
+    assert failed(found, "again") is found
+    assert failed(replace(found, update=replace(found.update, edition="next")), "bad").update.quarantined == {
+        "now": "late",
+        "next": "bad",
+    }
+
+
+def test_only_a_refused_trial_is_a_failure_of_the_change():
+    def refusal(operation: Any) -> str:
+        return refused(STARTING, Action(0, operation, "base"), "no such device").update.failed
+
+    assert refusal(Start(container="a", trial="now")) == "no such device"
+    assert refusal(Start(container="a", trial="before")) == ""
+    assert refusal(Start(container="a")) == ""
+    assert refusal(Create(name="base", spec={}, labels={}, digest="")) == ""
+    unknown = replace(STARTING, update=Update())
+    assert refused(unknown, Action(0, Start(container="a"), "base"), "no") is unknown
+
+
+def test_a_quarantine_is_lifted_once_per_request():
+    known = Memory(progress={"base": failed(replace(STARTING, attempts=FAILED), "late"), "arm": STARTING})
+    found = retried(known, {"base": "12:00"})
+    assert found.of("base") == replace(STARTING, update=replace(EDITION, lifted="12:00"))
+    assert found.of("arm") is known.of("arm")
+    assert retried(found, {"base": "12:00"}) is found
+    assert retried(known, {}) is known
+    assert retried(found, {"base": "13:00"}).of("base").update.lifted == "13:00"
