@@ -9,7 +9,7 @@ import pytest
 
 from rorg.core.memory import Attempt, Due, Lease, Memory, Progress
 from rorg.core.observed import Container, Observed
-from rorg.core.requests import MOST_TOLD, Problem, ProblemCode, mistakes, note_restarts, problems, settle, tried_again
+from rorg.core.requests import Problem, ProblemCode, mistakes, note_restarts, problems, settle, tried_again
 from rorg.model.catalog import DEVELOPER, Catalog, Group, Request, Service
 from rorg.model.policy import Budget, Policy
 
@@ -60,6 +60,7 @@ def test_a_request_ends_with_the_run_that_made_it(seen, what):
     assert outcome(GO, *seen) == what
     assert outcome(GO, *seen, complete=False) == "kept", "nothing is known for sure"
     assert outcome(replace(GO, standing=True), *seen) == "kept"
+    assert outcome(replace(GO, ttl=5.0), *seen) == what
 
 
 def test_requests_of_persons_and_bridges_outlive_every_run():
@@ -86,6 +87,11 @@ def test_a_request_without_a_run_is_bound_to_the_current_one(seen, run):
     found = settle(CATALOG, [unbound, LOOK], Observed(tuple(seen)))
     assert found.requests == (replace(GO, incarnation=run), LOOK)
     assert found.bound == ((GO,) if run else ())
+
+
+def test_a_container_of_a_service_that_became_a_meta_service_binds_nothing():
+    left = Container("a", "a", DEVELOPER, "running", STARTED)
+    assert settle(CATALOG, [LOOK], Observed((left,))).bound == ()
 
 
 # -- leases ----------------------------------------------------------------------------------------------------
@@ -129,6 +135,8 @@ def test_a_lease_does_not_run_out_while_its_requester_sleeps_or_nothing_is_known
         found = settle(CATALOG, [leased], Observed((mission(seen),), complete), known, now=NOW)
         assert found.leases[leased.key].until == kept
     assert settle(CATALOG, [leased], Observed((mission(),)), lease, now=NOW).requests == (leased,)
+    two = Observed((mission("paused", "2026-01-01T11:00:00Z", "other"), mission()))
+    assert settle(CATALOG, [leased], two, known, now=NOW).leases[leased.key].until == 101.0, "its current run goes on"
     standing = replace(leased, standing=True)
     assert settle(CATALOG, [standing], Observed(), now=NOW).leases == {}
 
@@ -148,10 +156,13 @@ def test_a_mistaken_request_is_refused_with_everything_that_is_wrong():
     assert "camera" in first.remedy
     assert second.remedy == ""
     assert "mission" in mistakes(CATALOG, Request("x", "misson", ("camera",)))[0].remedy
-    for count, told in ((MOST_TOLD, 0), (MOST_TOLD + 1, 1), (MOST_TOLD + 5, 5)):
+    for count, told in ((10, 0), (11, 1), (15, 5)):
         found = mistakes(CATALOG, Request("x", DEVELOPER, tuple(f"no{i}" for i in range(count))))
-        assert len(found) == MOST_TOLD + bool(told)
+        assert len(found) == 10 + bool(told)
         assert (f"{told} more unknown services" == found[-1].cause) is bool(told)
+    both = Request("x", DEVELOPER, ("camera", "nosuch"))
+    conflicting = limited(camera={"conflicts": ("lidar",)})
+    assert problems(conflicting, [replace(LOOK, services=("lidar",))], both) == mistakes(conflicting, both)
     mistaken = [c.value for c in ProblemCode if Problem(c, "", "").mistaken]
     assert mistaken == ["unknown", "empty"]
 
@@ -193,6 +204,8 @@ def test_a_request_must_fit_into_a_budget_that_refuses():
     assert found("refuse", [], "one") == found("refuse", [one], "one") == []
     assert found("refuse", [one], "two") == found("refuse", [], "one", "two") == ["over-budget"]
     assert found("queue", [one], "two") == []
+    catalog = limited(Policy(budget=Budget(cpu=0.5, over="refuse")), one={"cpu": 1.0})
+    assert "rorg release" in problems(catalog, [], one)[0].remedy
     assert found("refuse", [both], "small") == found("refuse", [both], "two") == [], "it adds nothing"
 
 
@@ -250,7 +263,9 @@ def test_a_restart_ends_the_run_that_goes_on_when_it_is_due():
     assert memory.of("camera") == FAILED
     assert restarts({}, mission(), wall="2026-01-01T12:29:00Z")[:2] == ({}, {})
     assert restarts({}, mission(), wall=ASKED["mission"])[0] == DUE
-    assert restarts({})[0] == {"mission": Due(ASKED["mission"], "")}
+    for known in ({}, None):
+        assert restarts(known)[0] == {"mission": Due(ASKED["mission"], "")}
+    assert restarts({}, mission(started=LATER))[0] == {"mission": Due(ASKED["mission"], f"mission@{LATER}")}
     assert restarts(None, mission(), complete=False)[:2] == (None, {})
 
 
@@ -269,7 +284,7 @@ def test_a_restart_ends_the_run_that_goes_on_when_it_is_due():
 def test_a_restart_is_done_when_another_run_goes_on(seen, due, done):
     found = restarts(DUE, *seen)
     assert found[:2] == (due, ASKED if done else {})
-    assert found[2].progress == CRASHING
+    assert found[2].progress is CRASHING
 
 
 def test_a_later_restart_ends_the_run_of_its_time():

@@ -12,7 +12,18 @@ from rorg.core.memory import NONE, Attempt, Memory, ProbeResult, Progress
 from rorg.core.observed import Container, Observed
 from rorg.core.operations import Create, Start
 from rorg.core.plan import Action
-from rorg.core.rollout import came_up_at, candidate, failed, has_come_up, judged, refused, renewed, retried
+from rorg.core.rollout import (
+    came_up_at,
+    candidate,
+    failed,
+    fits,
+    has_come_up,
+    is_late_at,
+    judged,
+    refused,
+    renewed,
+    retried,
+)
 from rorg.core.transitions import Evidence
 from rorg.core.update import Update
 from rorg.model.catalog import Catalog, Probe, Service, Updating
@@ -54,7 +65,9 @@ def changes(
     desired = desired_of(service, **({} if sets is None else {"sets": sets}))
     found = judged(progress, service, desired, Evidence(observed=observed, **facts))
     values = {f.name: getattr(found, f.name) for f in fields(found)}
-    return {name: value for name, value in values.items() if value != getattr(progress, name)}
+    changed = {name: value for name, value in values.items() if value != getattr(progress, name)}
+    assert changed or found is progress
+    return changed
 
 
 def said(ok: bool = True, at: float = 99.0, run: str = RUN, failures: int = 1) -> ProbeResult:
@@ -205,8 +218,10 @@ def test_a_run_that_was_ready_or_hangs_fails_with_what_its_probe_said():
     assert changes(told, base(), service=PROBED) == lost("no longer ready: refused", was_ready=False)
     hung = replace(PROBES, hung=RUN, error="did not answer")
     assert changes(hung, base(), service=WATCHED) == {}, "it is restarted instead"
-    drawn = replace(was, update=replace(was.update, quarantined={"now": "bad"}))
-    assert changes(drawn, base(), service=PROBED) == {}
+    for update in ({"quarantined": {"now": "bad"}}, {"baked": "now"}, {"since": EARLIER}):
+        known = replace(was, update=replace(was.update, **update))
+        assert changes(known, base(), service=PROBED) == {}
+    assert changes(was, base(digest="another"), service=PROBED) == {}
 
 
 # -- trials ----------------------------------------------------------------------------------------------------
@@ -230,6 +245,10 @@ def test_a_trial_that_stays_well_is_proven():
     assert changes(WELL, NEW, OLD, service=together, sets={}) == {
         "update": replace(EDITION, baked="now", proven=NEW.id)
     }
+    assert changes(replace(WELL, **BAKED), NEW, OLD) == {"update": replace(EDITION, baked="now", proven=NEW.id)}
+    another = {"update": replace(EDITION, proven=NEW.id)}
+    assert changes(WELL, replace(NEW, digest="another"), OLD) == another, "the manifest has changed again"
+    assert changes(replace(WELL, exited=RUN, error="bad"), NEW, OLD)["update"].proven == NEW.id
     assert changes(WELL, NEW, replace(OLD, started_at="2026-01-02", state="running")) == {}, (
         "the previous one came back"
     )
@@ -257,6 +276,7 @@ def test_a_trial_fails_if_it_ends_hangs_or_is_lost(known, seen, service, why):
     clean = {"exits": 0, "attempts": {}, **({"error": ""} if "error" in known else {})}
     changed = replace(NEW, state=seen, exit_code=1 if seen == "exited" else None)
     assert changes(progress, changed, OLD, service=service) == quarantined(why, **clean)
+    assert changes(replace(progress, exited="another"), replace(NEW, state="exited"), OLD) == {}, "it is not noted yet"
     other = replace(changed, digest="another")
     assert changes(progress, other, OLD, service=service) == {}, "it is not what the manifest says now"
 
@@ -295,6 +315,25 @@ def test_a_run_has_come_up_when_it_is_ready_or_after_a_moment(service, bake, up)
     assert has_come_up(WELL, service, up - 0.1, up + 5) == (service.ready == PROBED.ready)
     assert has_come_up(WELL, service, None, up + 5) == (service.ready == PROBED.ready)
     assert not has_come_up(STARTING, service, NOW, NOW)
+
+
+def test_only_a_run_with_a_probe_can_be_late():
+    assert is_late_at(STARTING, PROBED) == 120.0
+    assert is_late_at(WELL, PROBED) == 122.0
+    assert is_late_at(STARTING, BASE) is is_late_at(STARTING, DELAYED) is is_late_at(NONE, PROBED) is None
+
+
+def test_a_container_fits_if_no_option_differs_that_needs_a_new_one():
+    declared = '{"image":"x","mem_limit":5}'
+    for spec, digest, label, fit in (
+        ({"image": "x"}, DIGEST, "", True),
+        ({"image": "x"}, "v0:1", '{"image":"x"}', True),
+        ({"image": "y"}, "v0:1", '{"image":"x"}', False),
+        ({"image": "x", "mem_limit": 6}, "v0:1", declared, True),
+        ({"image": "x"}, "v0:1", "", False),
+    ):
+        service = replace(BASE, spec=spec)
+        assert fits(base(digest=digest, declared=label), "base", desired_of(service)) is fit
 
 
 # -- editions --------------------------------------------------------------------------------------------------
