@@ -25,7 +25,8 @@ from mutants.suite import OUT, TESTS, TIMED_OUT, Suite, in_child, run
 
 HERE = Path(__file__).parent
 SURVIVORS = OUT / "survivors.txt"
-SUITE = """planner_cases plan_check changed_fields pressure_rules withheld_rules service_events dispatch_rules
+SUITE = """plan_rules transition_rules verdict_rules request_rules label_rules prewarm_rules planner_cases plan_check
+changed_fields pressure_rules withheld_rules service_events dispatch_rules
 status_rules masker_rules schedule_rules scenarios one_planner giving_way restarts timesharing peers shedding
 pressure pressure_cause ros_graph ros_parameters updates safe_updates joining learning leases network_manifests
 networks removals losses diff machines_rules machine_manifests secrets doctor prewarm observe verdicts
