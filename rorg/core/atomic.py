@@ -84,7 +84,7 @@ class _Judge:
     def changing(self, name: str, update: Update) -> _Changing | None:
         """Return how far the change of a service is; None if it matches its manifest or has nothing to go back to."""
         containers, wanted = self.observed.of(name), name in self.wanted
-        pair = candidate(containers, update) if len(containers) > 1 else None
+        pair = candidate(containers, update)
         if pair and fits(pair[0], name, self.desired):
             return _Changing(name, wanted, pair[0].id, update.baked == update.edition)
         new = next((c for c in containers if fits(c, name, self.desired)), None)

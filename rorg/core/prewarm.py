@@ -184,7 +184,7 @@ class _Room:
         """Return whether a service may run without being requested: rorg may touch it, it takes nothing from others,
         its container is ready to start and nothing is wrong with it."""
         service, containers, progress = self.services[name], self.containers.get(name, ()), self.memory.of(name)
-        if not harmless(service) or name in self.barred or prediction.failed.get(name, 0.0) > self.now:
+        if not harmless(service) or name in self.barred or name in prediction.failed:
             return False
         if len(containers) != 1 or containers[0].digest != self.desired.digests.get(name):
             return False
@@ -196,11 +196,8 @@ class _Room:
             or any(t.error or t.at > self.now for t in progress.attempts.values())
         ):
             return False
-        rivals = self.desired.conflicts.get(name, ())
-        if not rivals:
-            return True
         active = {n for n, cs in self.containers.items() if any(c.active for c in cs)}
-        return not (self.ever_asked() | self.admission.wanted.keys() | active) & set(rivals)
+        return not (self.ever_asked() | self.admission.wanted.keys() | active) & {*self.desired.conflicts[name]}
 
     def ever_asked(self) -> frozenset[str]:
         """Return services that someone may request. Such a request must not wait until a warm rival has ended."""

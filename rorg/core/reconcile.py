@@ -99,15 +99,15 @@ class _Reconciled:
         return (*(() if named else ("container_name",)), *(() if engine.update else changed))
 
     def on_another(self, container: Container) -> bool:
-        """Return whether a stopped container was joined to a network that no longer exists or is about to be
-        replaced."""
-        objects = self.s.observed.objects if container.networks and not container.alive else None
-        for name in self.desired.uses.get(self.name, ()) if objects else ():
+        """Return whether a stopped container was joined to a network that is gone or about to be replaced."""
+        if container.alive or (objects := self.s.observed.objects) is None:
+            return False
+        for name in self.desired.uses.get(self.name, ()):
             network = self.desired.objects[name]
             joined = container.networks.get(network.called, "") if network.kind == "network" else ""
-            existing = objects.found.get(network.key) if objects else None
-            known = existing is not None or (objects is not None and network.key in objects.asked)
-            if joined and known and (existing is None or existing.id != joined or self.view.has_actions(name)):
+            existing = objects.found.get(network.key)
+            gone = network.key in objects.asked if existing is None else existing.id != joined
+            if joined and (gone or self.view.has_actions(name)):
                 return True
         return False
 

@@ -92,7 +92,7 @@ def judged(progress: Progress, service: Service, desired: Desired, evidence: Evi
     containers = evidence.observed.of(service.name)
     if not containers or not evidence.wanted or evidence.busy or evidence.unplugged or progress.update.drawn:
         return _awaiting(progress, None)
-    pair = candidate(containers, progress.update) if len(containers) > 1 else None
+    pair = candidate(containers, progress.update)
     if pair is None:
         return _judged_alone(progress, service, containers[0], desired, evidence)
     new, old = pair
@@ -128,8 +128,8 @@ def _judged_alone(
     progress = _awaiting(progress, verdict.since)
     if verdict.passed:
         return _baked(progress, service, current, desired)
-    goes_on = progress.running_since is not None and progress.hung != progress.incarnation
-    if verdict.error and goes_on and update.since > (progress.running_since or 0.0) and not update.failed:
+    began, hangs = progress.running_since, progress.hung == progress.incarnation
+    if verdict.error and began is not None and not hangs and update.since > began and not update.failed:
         return replace(failed(progress, verdict.error, evidence.now), ready=False, was_ready=False, well_since=None)
     return progress
 
@@ -168,10 +168,11 @@ def bake_ends_at(progress: Progress, service: Service) -> float | None:
 
 def is_late_at(progress: Progress, service: Service) -> float | None:
     """Return when a run that is not ready, according to its present probe, has had enough time for it."""
-    if progress.running_since is None or service.ready is None or not _is_asked(service):
+    ready = service.ready
+    if progress.running_since is None or ready is None or ready.delay is not None:
         return None
     since = bake_ends_at(progress, service)
-    return (max(progress.running_since, progress.update.since) if since is None else since) + service.ready.timeout
+    return (max(progress.running_since, progress.update.since) if since is None else since) + ready.timeout
 
 
 def _of_a_bake(progress: Progress, service: Service, current: Container, evidence: Evidence) -> _Verdict:
@@ -185,8 +186,9 @@ def _of_a_bake(progress: Progress, service: Service, current: Container, evidenc
     if all(result.ok for result in answers):
         return _Verdict(passed=True)
     late_at, result = is_late_at(progress, service), evidence.ready
-    late = late_at is not None and evidence.now >= late_at and result is not None and not result.ok and result.failures
-    return _Verdict(error=_not_ready(service, f": {result.message}")) if late and result else _Verdict(since=bake_end)
+    if late_at is None or result is None or evidence.now < late_at or not result.failures:
+        return _Verdict(since=bake_end)
+    return _Verdict(error=_not_ready(service, f": {result.message}"))
 
 
 def _answers(progress: Progress, service: Service, evidence: Evidence, since: float) -> Sequence[ProbeResult] | None:

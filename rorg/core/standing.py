@@ -47,10 +47,10 @@ def standing(decision: Decision, good: bool = False) -> Standing:
     undone = _undone(situation)
     if undone:
         return _told(undone)
-    if not situation.observed.complete:
-        return Standing(GOOD) if good else Standing(APPLYING, "the engine does not answer")
     if good:
         return Standing(GOOD)
+    if not situation.observed.complete:
+        return Standing(APPLYING, "the engine does not answer")
     flights = (f.action for f in situation.memory.in_flight.values())
     doing = _first_of_tree(flights) or _first_of_tree(decision.plan.actions)
     if doing:

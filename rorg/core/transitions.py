@@ -100,7 +100,7 @@ def _fresh(progress: Progress, current: Container | None) -> Progress:
 def _run(progress: Progress, current: Container | None, now: float) -> Progress:
     """Note a new run, its end, or that it has become stable."""
     if current is None or current.state != "running":
-        if progress.running_since is None and not progress.ready:
+        if progress.running_since is None:
             return progress
         return replace(progress, running_since=None, **UNANSWERED)
     if progress.running_since is None or progress.incarnation != current.incarnation:
