@@ -7,6 +7,9 @@ from dataclasses import replace
 import pytest
 from robots import VirtualRobot
 
+from rorg.core.decide import Decision
+from rorg.core.links import Remote
+from rorg.core.peers import Peers
 from rorg.core.service_events import NONE, READY, Loss, StateChange, losses, ready_runs, state_changes, state_of
 from rorg.model.units import stamp
 
@@ -189,3 +192,58 @@ def test_what_is_removed_has_no_container(robot):
     assert state_of(robot.sim.decision, "spare") == NONE
     assert state_of(robot.sim.decision, "base") == "created"
     assert str(StateChange("spare", NONE, "")) == "spare has no container"
+
+
+@pytest.mark.parametrize(
+    ("known", "cause"),
+    [
+        ({"exited": "RUN", "error": "exit code 1"}, ("crashed", "exit code 1")),
+        ({"hung": "RUN", "error": "no answer"}, ("hung", "no answer")),
+        ({"incarnation": "another"}, ("restarted", "another run has begun")),
+        ({"incarnation": ""}, ("unready", "its probe failed")),
+        ({"probe": "refused"}, ("unready", "refused")),
+        ({}, ("unready", "its probe failed")),
+        ({"running_since": None}, ("ceased", "it no longer runs")),
+    ],
+)
+def test_a_loss_without_an_action_has_the_cause_that_its_run_tells(robot, known, cause):
+    before = begin(robot, {"base": {}}, "base")
+    decision = robot.sim.decision
+    values = {field: before["base"] if value == "RUN" else value for field, value in known.items()}
+    progress = replace(decision.memory.of("base"), ready=False, **values)
+    later = replace(decision, memory=replace(decision.memory, progress={"base": progress}))
+    (one,) = losses(before, {}, later)
+    assert (one.cause, one.reason) == cause
+
+
+def test_a_service_of_another_machine_is_lost_when_it_is_not_ready_or_not_known(robot):
+    begin(robot, {"base": {}}, "base")
+    decision, run = robot.sim.decision, robot.run_of("base")
+
+    def with_peers(peers: Peers) -> Decision:
+        memory = replace(decision.memory, progress={})
+        return replace(decision, memory=memory, situation=replace(decision.situation, peers=peers))
+
+    there = Remote("running", True, True, "Healthy", "Synced", run)
+    assert ready_runs(with_peers(Peers("head", remotes={"base": there}))) == {"base": run}
+    down = with_peers(Peers("head", remotes={"base": replace(there, ready=False, reason="refused")}))
+    assert ready_runs(down) == {}
+    assert [(one.cause, one.reason) for one in losses({"base": run}, {}, down)] == [
+        ("unready", "it is not ready: refused")
+    ]
+    again = with_peers(Peers("head", remotes={"base": replace(there, incarnation="another")}))
+    assert [one.reason for one in losses({"base": run}, ready_runs(again), again)] == ["it runs anew"]
+    silent = with_peers(Peers("head", unknown={"base": "is on body, which does not answer"}))
+    assert [(one.cause, one.reason) for one in losses({"base": run}, {}, silent)] == [
+        ("unreachable", "it is on body, which does not answer")
+    ]
+
+
+def test_a_state_is_ready_only_while_it_runs_and_is_ready(robot):
+    begin(robot, {"base": {}}, "base")
+    decision = robot.sim.decision
+    progress = replace(decision.memory.of("base"), ready=False)
+    waits = replace(decision, memory=replace(decision.memory, progress={"base": progress}))
+    paused = replace(decision.situation.observed, containers=(replace(robot.container("base"), state="paused"),))
+    asleep = replace(decision, situation=replace(decision.situation, observed=paused))
+    assert [state_of(one, "base") for one in (decision, waits, asleep)] == [READY, "running", "paused"]

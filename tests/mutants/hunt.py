@@ -25,13 +25,13 @@ from mutants.suite import OUT, TESTS, TIMED_OUT, Suite, in_child, run
 
 HERE = Path(__file__).parent
 SURVIVORS = OUT / "survivors.txt"
-SUITE = """plan_rules transition_rules verdict_rules request_rules label_rules prewarm_rules planner_cases plan_check
-changed_fields pressure_rules withheld_rules service_events dispatch_rules
-status_rules masker_rules schedule_rules scenarios one_planner giving_way restarts timesharing peers shedding
-pressure pressure_cause ros_graph ros_parameters updates safe_updates joining learning leases network_manifests
-networks removals losses diff machines_rules machine_manifests secrets doctor prewarm observe verdicts
-confirmation faults drivers several_probes shared_memory normal_forms guarantees profiles fit sim_engine
-small_engine swarm_look image_graph notify own_programs compose_reader properties"""
+SUITE = """plan_rules transition_rules verdict_rules request_rules label_rules prewarm_rules object_rules
+progress_rules planner_cases plan_check changed_fields pressure_rules withheld_rules service_events dispatch_rules
+status_rules masker_rules schedule_rules scenarios one_planner giving_way restarts timesharing peers shedding pressure
+pressure_cause ros_graph ros_parameters updates safe_updates joining learning leases network_manifests networks
+removals losses diff machines_rules machine_manifests secrets doctor prewarm observe verdicts confirmation faults
+drivers several_probes shared_memory normal_forms guarantees profiles fit sim_engine small_engine swarm_look
+image_graph notify own_programs compose_reader properties"""
 """Tests that need no engine but the simulated one, or have some such tests."""
 BUDGET = 12.0
 """Traced CPU seconds of the tests that a mutant is given."""
