@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: site demo test engines pythons properties fuzz fuzz-guided proof proof-docker worlds defects mutants soak ros2 lint types bench corpus schemas docs evaluation contention recorded constraints deb packages arm vm machines clean
+.PHONY: site demo test engines pythons properties fuzz fuzz-guided proof proof-docker worlds defects mutants soak ros2 lint types bench corpus schemas docs evaluation contention recorded programs constraints deb packages arm vm machines clean
 
 # Debian keeps the venv of its Python in a package of its own; .ci/venv sees to that.
 $(BIN)/rorg: pyproject.toml
@@ -127,6 +127,11 @@ contention: $(VENV)/test-installed
 recorded: $(VENV)/test-installed
 	PYTHONPATH=tests:.:clients/python $(BIN)/python docs/evaluation/recorded.py $(ARGS)
 	$(if $(findstring --anyway,$(ARGS)),,$(BIN)/python docs/evaluation/evaluate.py --pages)
+
+# Real programs on Docker, measured: writes docs/evaluation/programs.json. As root, on a machine that does nothing else:
+# ten minutes, and more the first time. ARGS="--anyway --save /tmp/try.json" to try it on a busy one.
+programs: $(VENV)/test-installed
+	$(BIN)/python docs/evaluation/programs.py $(ARGS)
 
 # dist/rorg_VERSION_ARCHITECTURE.deb, for Debian bookworm. ARCH=arm64 or amd64 for another machine than this one.
 deb: $(BIN)/rorg

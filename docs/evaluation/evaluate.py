@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import random
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from statistics import mean, stdev
@@ -17,6 +17,7 @@ from typing import Any
 
 import contended
 import emulated
+import programmed
 import recorded_table
 from weights import CLASSES
 
@@ -42,7 +43,7 @@ NEVER_TOGETHER = "cartographer"
 """The service that conflicts with others."""
 AT_REST = ("start", "charging")
 """States in which the robot does nothing: the paper counts only active time."""
-STATES = {"all": "all together", "chat": "greeting"}
+STATES = {"all": "all together", "chat": "greeting", "greet": "greeting"}
 """States that the tables call otherwise."""
 REWEIGHTED = 20
 FACTORS = (0.5, 2.0)
@@ -74,9 +75,9 @@ def both(catalog: Catalog, asked: Trace, workload: Workload, seed: int) -> tuple
     return base, simulate(catalog, asked, workload, seed)
 
 
-def active_time(result: RunResult, asked: Trace) -> tuple[float, float]:
-    """Mean cores and bytes while the robot is active."""
-    spans = [(a, b) for a, b, _, state in asked.states() if state not in AT_REST]
+def active_time(result: RunResult, asked: Trace, states: Collection[str] = ()) -> tuple[float, float]:
+    """Mean cores and bytes in these states; by default, while the robot is active."""
+    spans = [(a, b) for a, b, _, state in asked.states() if (state in states if states else state not in AT_REST)]
     kept = [s for s in result.samples if any(a < s.at <= b for a, b in spans)]
     return mean(s.cpu for s in kept), mean(s.memory for s in kept)
 
@@ -86,9 +87,9 @@ def less(rorg: float, base: float) -> float:
     return 100 * (1 - rorg / base)
 
 
-def reductions(base: RunResult, rorg: RunResult, asked: Trace) -> dict[str, float]:
-    """Reductions in percent, over active time and over the whole time."""
-    before, now = active_time(base, asked), active_time(rorg, asked)
+def reductions(base: RunResult, rorg: RunResult, asked: Trace, states: Collection[str] = ()) -> dict[str, float]:
+    """Reductions in percent, over these states (by default, active time) and over the whole time."""
+    before, now = active_time(base, asked, states), active_time(rorg, asked, states)
     return {
         "cpu": less(now[0], before[0]),
         "memory": less(now[1], before[1]),
@@ -103,11 +104,11 @@ def declared(catalog: Catalog) -> dict[str, float]:
     return {"cores": sum(one.cpu for one in services), "gb": sum(one.memory for one in services) / 1e9}
 
 
-def row_of(base: RunResult, rorg: RunResult, asked: Trace) -> dict[str, float]:
+def row_of(base: RunResult, rorg: RunResult, asked: Trace, states: Collection[str] = ()) -> dict[str, float]:
     """The figures of one pair of runs: percent, cores and GB."""
-    before, now = active_time(base, asked), active_time(rorg, asked)
+    before, now = active_time(base, asked, states), active_time(rorg, asked, states)
     return {
-        **reductions(base, rorg, asked),
+        **reductions(base, rorg, asked, states),
         "cores_all_on": before[0],
         "cores_rorg": now[0],
         "gb_all_on": before[1] / 1e9,
@@ -222,6 +223,29 @@ def of_policies(catalog: Catalog, asked: Trace, workload: Workload) -> dict[str,
     return found
 
 
+# -- the robot of real programs ----------------------------------------------------------------------------------------
+
+
+def of_programs() -> dict[str, Any]:
+    """The hour of the robot of real programs: all of it, by state, and if unused programs took another part of their
+    CPU."""
+    catalog, asked, workload = programmed.robot(), read_trace(programmed.TRACE), read_workload(programmed.WORKLOAD)
+    pairs = [both(catalog, asked, workload, seed) for seed in SEEDS]
+    rows = [row_of(*pair, asked) for pair in pairs]
+    states = {
+        state: {what: mean(row_of(*pair, asked, (state,))[what] for pair in pairs) for what in rows[0]}
+        for state in programmed.STATES
+        if state not in AT_REST
+    }
+    return {
+        "hour": {what: mean(row[what] for row in rows) for what in rows[0]},
+        "first": rows[0],
+        "states": states,
+        "idle use": idle_parts(catalog, asked, workload),
+        "waits": waits(rorg for _, rorg in pairs),
+    }
+
+
 # -- files ---------------------------------------------------------------------------------------------------------
 
 
@@ -241,6 +265,7 @@ def figures() -> dict[str, Any]:
             "policies": of_policies(catalog, hour, workload),
         }
     )
+    found["programs"] = rounded(of_programs())
     return found
 
 
@@ -283,6 +308,7 @@ def headline_table(found: Mapping[str, Any]) -> str:
             "| simulated hour, synthetic |",
             f"| wait for a greeting, median | none | {waiting['greeting']['median']:.1f} s | {kind} |",
             f"| wait for a tour, median | none | {waiting['tour']['median']:.1f} s | {kind} |",
+            programmed.headline_row(found),
             *emulated.headline_rows(),
             "| on a robot | not known | not known | we have no robot |",
         ]
@@ -374,6 +400,8 @@ TABLES: Mapping[str, Callable[[Mapping[str, Any]], str]] = {
     "emulation": lambda _: emulated.table(),
     "contention": lambda _: contended.table(),
     "recorded": lambda _: recorded_table.table(),
+    "programs": programmed.programs_table,
+    "programs saved": programmed.saved_table,
 }
 PAGES = {PAGE: tuple(TABLES), README: ("headline",)}
 """Page -> its tables."""
@@ -394,6 +422,7 @@ def page(path: Path, found: Mapping[str, Any]) -> str:
 def main() -> None:
     """With --pages, only writes the tables of what is known into the pages."""
     only_pages = "--pages" in sys.argv
+    programmed.write()
     found = json.loads(FIGURES.read_text(encoding="utf-8")) if only_pages else figures()
     FIGURES.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     for path in PAGES:
