@@ -23,7 +23,7 @@ def test_each_program_is_requested_by_some_state_or_always():
     robot = programmed.robot()
     (standing,) = robot.requests
     asked = {*standing.services, *(name for names in programmed.STATES.values() for name in names)}
-    assert asked == set(robot.services)
+    assert asked == set(programmed.programs())
 
 
 def test_trace_and_workload_are_current():
@@ -32,19 +32,19 @@ def test_trace_and_workload_are_current():
 
 
 def test_the_workload_has_each_measured_value(tmp_path):
-    """The camera is used in standby and greet, and is idle in the window of that name."""
+    """The microphone is used in standby and greet."""
     found, file = programmed.load(), tmp_path / "workload.yaml"
     file.write_text(programmed.workload_text(found))
-    camera = read_workload(file).of("camera")
+    microphone = read_workload(file).of("microphone")
     windows = [one["windows"] for one in found["rounds"]]
-    used = [w[state]["services"]["camera"] for w in windows for state in ("standby", "greet")]
-    idle = [w["idle"]["services"]["camera"] for w in windows]
-    assert camera.cpu.values == tuple(one["cpu"] for one in used)
-    assert camera.memory.values == tuple(one["memory"] for one in used)
-    assert camera.cpu_idle.values == tuple(one["cpu"] for one in idle)
+    used = [w[state]["services"]["microphone"] for w in windows for state in ("standby", "greet")]
+    idle = [w["idle"]["services"]["microphone"] for w in windows]
+    assert microphone.cpu.values == tuple(one["cpu"] for one in used)
+    assert microphone.memory.values == tuple(one["memory"] for one in used)
+    assert microphone.cpu_idle.values == tuple(one["cpu"] for one in idle)
     for what in programmed.TIMES:
-        seconds = [s for one in found["rounds"] for s in one["times"]["services"]["camera"][what]]
-        assert getattr(camera, what).values == pytest.approx(seconds, abs=1e-3)
+        seconds = [s for one in found["rounds"] for s in one["times"]["services"]["microphone"][what]]
+        assert getattr(microphone, what).values == pytest.approx(seconds, abs=1e-3)
 
 
 def test_measurements_of_a_busy_machine_are_refused(tmp_path, monkeypatch):

@@ -241,9 +241,16 @@ def of_programs() -> dict[str, Any]:
         "hour": {what: mean(row[what] for row in rows) for what in rows[0]},
         "first": rows[0],
         "states": states,
-        "idle use": idle_parts(catalog, asked, workload),
+        "idle use": idle_parts(catalog, asked, workload) | {"subscribers that stay": staying(catalog, asked, workload)},
         "waits": waits(rorg for _, rorg in pairs),
     }
+
+
+def staying(catalog: Catalog, asked: Trace, workload: Workload) -> dict[str, float]:
+    """The hour if no subscriber ever leaves, so that detections go on while nobody uses them."""
+    stays = {name: replace(workload.of(name), cpu_idle=workload.of(name).cpu) for name in programmed.SUBSCRIBERS}
+    changed = replace(workload, services={**workload.services, **stays})
+    return reductions(*both(catalog, asked, changed, 1), asked)
 
 
 # -- files ---------------------------------------------------------------------------------------------------------

@@ -4,8 +4,9 @@ docs/evaluation.md. Nothing here measures."""
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from statistics import mean
 from typing import Any
@@ -14,6 +15,7 @@ from rorg.manifest.load import load_or_raise
 from rorg.manifest.traces import read_trace
 from rorg.manifest.yaml_text import yaml_text
 from rorg.model.catalog import Catalog
+from rorg.model.graph import closure
 from rorg.model.trace import Trace, TraceEvent
 from rorg.model.units import format_duration
 
@@ -36,12 +38,19 @@ STATES: Mapping[str, tuple[str, ...]] = {
 """What the behaviour requests in each state, in addition to what the robot is never without."""
 WINDOWS = ("standby", "greet", "tour")
 """States in which the programs are measured."""
+SUBSCRIBERS = ("face_detection", "people_detection")
+"""Programs that work only while another one subscribes to their results."""
 OF_HOUR = {"chat": "greet"}
 """States that the trace of the other robot calls otherwise."""
 
 
+@cache
 def robot() -> Catalog:
     return load_or_raise(ROBOT)
+
+
+def programs() -> list[str]:
+    return sorted(name for name, one in robot().services.items() if not one.meta)
 
 
 def hour() -> Trace:
@@ -61,8 +70,10 @@ def load() -> Mapping[str, Any]:
 
 
 def used_in(name: str) -> tuple[str, ...]:
-    """The windows in which a program is used. Those that the robot is never without are used in all."""
-    return tuple(state for state in WINDOWS if name in STATES[state]) or WINDOWS
+    """The windows in which a program is used, by the state or by what it requests. Programs that the robot is never
+    without are used in all of them."""
+    services = robot().services
+    return tuple(state for state in WINDOWS if name in closure(services, STATES[state])) or WINDOWS
 
 
 def values(found: Mapping[str, Any], name: str, what: str, windows: tuple[str, ...]) -> list[float]:
@@ -86,8 +97,8 @@ def workload_text(found: Mapping[str, Any]) -> str:
     rounds = found["rounds"]
     verbs = sorted({verb for one in rounds for verb in one["times"]["calls"]})
     calls = {v: durations([s for one in rounds for s in one["times"]["calls"].get(v, [])]) for v in verbs}
-    services = {}
-    for name in sorted(robot().services):
+    services = dict[str, dict[str, Any]]()
+    for name in programs():
         services[name] = {"cpu": both(name, "cpu"), "memory": both(name, "memory")}
         services[name] |= {what: durations(t) for what in TIMES if (t := times(found, name, what))}
     spec = {"calls": calls, "services": services}
@@ -108,13 +119,13 @@ def spread(measured: list[float], size: float, form: str) -> str:
 
 def programs_table(_: Mapping[str, Any]) -> str:
     """For each program: CPU, memory and times."""
-    found, catalog = load(), robot()
+    found = load()
     lines = [
         "| program | CPU idle, % of a core | CPU in use | idle / in use | memory, MB | files, MB | start | resume |",
         "|---|---|---|---|---|---|---|---|",
     ]
     total = [0.0, 0.0, 0.0, 0.0]
-    for name in sorted(catalog.services, key=lambda n: -mean(values(found, n, "cpu", used_in(n)))):
+    for name in sorted(programs(), key=lambda n: -mean(values(found, n, "cpu", used_in(n)))):
         idle, used = (values(found, name, "cpu", windows) for windows in (("idle",), used_in(name)))
         memory, cache = (values(found, name, what, used_in(name)) for what in ("memory", "cache"))
         seconds = (f"{spread(times(found, name, what), 1, '.2f')} s" for what in ("start", "resume"))
@@ -138,9 +149,11 @@ def saved_table(figures: Mapping[str, Any]) -> str:
     """What rorg saves on this robot, by state and by what unused programs take."""
     of = figures["programs"]
     lines = ["| | everything on | rorg | CPU | memory |", "|---|---|---|---|---|"]
-    for name, row in _rows(of):
-        uses = (f"{row[f'cores_{how}']:.2f} cores, {row[f'gb_{how}']:.2f} GB" for how in ("all_on", "rorg"))
-        lines.append(f"| {name} | {' | '.join(uses)} | {-row['cpu']:.1f} % | {-row['memory']:.1f} % |")
+    for name, row in {"the hour": of["hour"], **of["states"]}.items():
+        lines.append(f"| {name} | {_use(row)} | {_saved(row)} |")
+    lines += ["", "| the hour, if unused programs take | CPU | memory |", "|---|---|---|"]
+    for name, row in {"what was measured": of["first"], **of["idle use"]}.items():
+        lines.append(f"| {name} | {_saved(row)} |")
     lines += ["", "| request | number | median | 95 % | longest | never ready |", "|---|---|---|---|---|---|"]
     for state, one in of["waits"].items():
         cells = " | ".join(f"{one[k]:.2f} s" for k in ("median", "p95", "most"))
@@ -148,18 +161,18 @@ def saved_table(figures: Mapping[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _rows(of: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, float]]]:
-    yield "the hour", of["hour"]
-    yield from of["states"].items()
-    for name, row in of["idle use"].items():
-        yield f"the hour, {name}", row
+def _use(row: Mapping[str, float]) -> str:
+    return " | ".join(f"{row[f'cores_{how}']:.2f} cores, {row[f'gb_{how}']:.2f} GB" for how in ("all_on", "rorg"))
+
+
+def _saved(row: Mapping[str, float]) -> str:
+    return f"{-row['cpu']:.1f} % | {-row['memory']:.1f} %"
 
 
 def headline_row(figures: Mapping[str, Any]) -> str:
     row = figures["programs"]["hour"]
-    use = " | ".join(f"{row[f'cores_{how}']:.2f} cores, {row[f'gb_{how}']:.2f} GB" for how in ("all_on", "rorg"))
     saved = f"(CPU {-row['cpu']:.0f} %, memory {-row['memory']:.0f} %)"
-    return f"| a smaller robot of real programs, hour | {use} {saved} | programs measured, use simulated |"
+    return f"| a smaller robot of real programs, hour | {_use(row)} {saved} | programs measured, use simulated |"
 
 
 def write() -> None:

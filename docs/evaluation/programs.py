@@ -69,7 +69,7 @@ class Robot(ThrowawayRobot):
             self.folder / "tree", str(self.state.run), references=self.references, adapt=self.under_our_control
         )
         services = programmed.robot().services
-        self.names = tuple(TopologicalSorter({n: s.needs for n, s in services.items()}).static_order())
+        self.names = tuple(TopologicalSorter({n: services[n].needs for n in programmed.programs()}).static_order())
         """Each program comes after those that it needs."""
 
     def under_our_control(self, catalog: Catalog) -> Catalog:
@@ -88,11 +88,14 @@ class Robot(ThrowawayRobot):
     def start(self) -> None:
         """Starts or resumes all programs, one after the other."""
         for name in self.names:
-            self.requests.change(lambda a, name=name: a.put(Request(name, "developer", (name,))))
-            self.wait(name, lambda v, name=name: is_ready(v, name))
+            self.start_one(name)
+
+    def start_one(self, name: str) -> None:
+        self.requests.change(lambda asked: asked.put(Request(name, "developer", (name,))))
+        self.wait(name, lambda view: is_ready(view, name))
 
     def cease(self) -> None:
-        self.requests.change(lambda a: a.without({("developer", name) for name in self.names}))
+        self.requests.change(lambda asked: asked.without({("developer", name) for name in self.names}))
         self.wait("the end", lambda v: all(s["state"] != "running" for s in v["services"].values()))
 
     def times(self, since: int) -> dict[str, Any]:
@@ -192,7 +195,7 @@ def rounds(host: str, say: Any) -> Iterator[dict[str, Any]]:
     robot = Robot()
     try:
         loop = robot.run(robot.tree, quiet, "programs.py")
-        robot.wait("the start", lambda v: len(v["services"]) == len(robot.names))
+        robot.wait("the start", lambda v: len(v["services"]) > len(robot.names))
         robot.start()
         for number in range(1, ROUNDS + 1):
             windows = {}
