@@ -21,7 +21,7 @@ from rorg.model.units import format_duration
 
 HERE = Path(__file__).parent
 ROBOT, FILE = HERE / "programs/robot", HERE / "programs.json"
-TRACE, WORKLOAD = HERE / "programs-hour.yaml", HERE / "programs-workload.yaml"
+TRACE, WORKLOAD = HERE / "programs/hour.yaml", HERE / "programs/workload.yaml"
 IMAGE = "robot-of-programs"
 TIMES = ("start", "resume", "stop")
 MB = 1e6
@@ -127,12 +127,12 @@ def programs_table(_: Mapping[str, Any]) -> str:
     total = [0.0, 0.0, 0.0, 0.0]
     for name in sorted(programs(), key=lambda n: -mean(values(found, n, "cpu", used_in(n)))):
         idle, used = (values(found, name, "cpu", windows) for windows in (("idle",), used_in(name)))
-        memory, cache = (values(found, name, what, used_in(name)) for what in ("memory", "cache"))
+        memory, files = (values(found, name, what, used_in(name)) for what in ("memory", "files"))
         seconds = (f"{spread(times(found, name, what), 1, '.2f')} s" for what in ("start", "resume"))
-        total = [a + mean(b) for a, b in zip(total, (idle, used, memory, cache), strict=True)]
+        total = [a + mean(b) for a, b in zip(total, (idle, used, memory, files), strict=True)]
         lines.append(
             f"| {name} | {spread(idle, 0.01, '.1f')} | {spread(used, 0.01, '.1f')} | {_part(mean(idle), mean(used))} "
-            f"| {mean(memory) / MB:.0f} | {mean(cache) / MB:.0f} | {' | '.join(seconds)} |"
+            f"| {mean(memory) / MB:.0f} | {mean(files) / MB:.0f} | {' | '.join(seconds)} |"
         )
     lines.append(
         f"| all | {100 * total[0]:.1f} | {100 * total[1]:.1f} | {_part(total[0], total[1])} | {total[2] / MB:.0f} "

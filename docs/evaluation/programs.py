@@ -18,7 +18,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -119,11 +119,16 @@ def rounded(values: tuple[float, ...]) -> list[float]:
     return [round(v, 4) for v in values]
 
 
-def page_cache(container: str) -> int:
-    """Bytes of files that the kernel keeps for a container, by the engine's control group of either version."""
-    stat = next(path for path in CGROUPS.glob(f"**/{container}/memory.stat"))
-    values = dict(line.split() for line in stat.read_text().splitlines())
-    return int(values.get("total_cache") or values["file"])
+def mapped_files(container: str) -> int:
+    """Bytes of files (programs, libraries, data) that the processes of a container have mapped; each page divided by
+    the number of processes that share it."""
+    places = (CGROUPS / folder / container / "cgroup.procs" for folder in ("memory/docker", "docker"))
+    kib = 0
+    for pid in next(place for place in places if place.exists()).read_text().split():
+        with suppress(OSError):  # it has ended
+            rows = (line.split() for line in Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines())
+            kib += sum(int(row[1]) for row in rows if row[0] in ("Pss_File:", "Pss_Shmem:"))
+    return kib * 1024
 
 
 @contextmanager
@@ -148,7 +153,7 @@ def visitor(state: str, host: str) -> Iterator[tuple[int, dict[str, int]]]:
 
 
 def window(robot: Robot, state: str, host: str) -> dict[str, Any]:
-    """CPU (cores), memory and page cache (bytes) of all programs in one window, and the conditions."""
+    """CPU (cores), memory and mapped files (bytes) of all programs in one window, and the conditions."""
     if state == IDLE:
         return {**measured(robot, None), "heard": {}}
     with visitor(state, host) as (pid, heard):
@@ -161,13 +166,13 @@ def measured(robot: Robot, visitor: int | None) -> dict[str, Any]:
     before, (busy, others, began) = robot.usage(), _machine(visitor)
     time.sleep(WINDOW)
     after, (busy_now, others_now, now) = robot.usage(), _machine(visitor)
-    caches = {c.service: page_cache(c.id) for c in robot.containers()}
+    files = {c.service: mapped_files(c.id) for c in robot.containers()}
     seconds = now - began
     services = {
         name: {
             "cpu": round((after[name].cpu - before[name].cpu) / seconds, 5),
             "memory": after[name].memory,
-            "cache": caches[name],
+            "files": files[name],
         }
         for name in robot.names
     }

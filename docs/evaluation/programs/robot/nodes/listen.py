@@ -15,7 +15,7 @@ config.set_string("-dict", f"{MODEL}/cmudict-en-us.dict")
 config.set_string("-logfn", "/dev/null")
 if phrase:
     config.set_string("-keyphrase", phrase)
-    config.set_float("-kws_threshold", 1e-20)
+    config.set_float("-kws_threshold", 1e-30)
 else:
     config.set_string("-lm", f"{MODEL}/en-us.lm.bin")
 decoder, spoken = Decoder(config), False

@@ -2,12 +2,13 @@
 robot, and is not measured."""
 
 import itertools
+import json
 import socket
 import sys
 import urllib.request
 
 import rospy
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PoseStamped, Twist
 from opencv_apps.msg import FaceArrayStamped, RectArrayStamped
 from std_msgs.msg import Bool, String
 
@@ -53,17 +54,18 @@ def every(seconds, do):
 
 if state == "tour":
     hear("/people_detect/found", RectArrayStamped)
+    hear("/cmd_vel", Twist)
     every(10, send_on)
     send_on()
 else:
     hear("/face_detection/faces", FaceArrayStamped)
-    hear("/wakeword", String)
     every(0.2, ask_database)
 if state == "greet":
+    hear("/wakeword", String)
     hear("/recogniser", String)
     every(0.5, look_at_page)
-    talk.publish(True)
+talk.publish(state == "greet")
 if state != "standby":
     every(4, lambda: say.publish("Welcome. This is the library, which is open every day but Sunday."))
-rospy.on_shutdown(lambda: print(heard, flush=True))
+rospy.on_shutdown(lambda: print(json.dumps(heard), flush=True))
 rospy.spin()
