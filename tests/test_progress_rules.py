@@ -106,13 +106,13 @@ def test_the_current_container_is_the_one_that_is_alive_or_began_last():
 def test_failed_editions_are_remembered_up_to_a_number():
     update = Update(edition="now")
     for n in range(16):
-        update = replace(update, edition=f"e{n}").quarantine("bad")
+        update = replace(update, edition=f"e{n}").quarantine("bad", 0.0)
     assert update.failed == "bad"
-    assert list(replace(update, edition="now").quarantine("late").quarantined) == [
+    assert list(replace(update, edition="now").quarantine("late", 0.0).quarantined) == [
         *(f"e{n}" for n in range(1, 16)),
         "now",
     ]
-    assert list(replace(update, edition="e3").quarantine("late").quarantined)[-1] == "e3"
+    assert list(replace(update, edition="e3").quarantine("late", 0.0).quarantined)[-1] == "e3"
     assert replace(update, edition="new").failed == ""
     assert replace(update, edition="new", drawn="arm failed").failed == "arm failed"
 
@@ -149,11 +149,12 @@ def test_changes_are_found_by_identity():
 
 
 def test_items_that_only_one_side_has_are_found():
-    assert changed_items([A, B], [A, B]) == []
-    assert changed_items([A, B], [A, C]) == [B, C]
-    assert changed_items([A, B], [A, B, C]) == changed_items([A, B, C], [A, B]) == [C]
-    assert changed_items([A, B, C], [B, C]) == [A]
-    assert changed_items([B, C], [A, B, C, D]) == [A, D]
+    assert changed_items([A, B], [A, B]) == ([], [])
+    assert changed_items([A, B], [A, C]) == ([B], [C])
+    assert changed_items([A, B], [A, B, C]) == ([], [C])
+    assert changed_items([A, B, C], [A, B]) == ([C], [])
+    assert changed_items([A, B, C], [B, C]) == ([A], [])
+    assert changed_items([B, C], [A, B, C, D]) == ([], [A, D])
 
 
 # -- devices ---------------------------------------------------------------------------------------------------

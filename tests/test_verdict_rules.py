@@ -74,9 +74,9 @@ def said(ok: bool = True, at: float = 99.0, run: str = RUN, failures: int = 1) -
     return ProbeResult(run, ok, at, "" if ok else "refused", 0 if ok else failures)
 
 
-def quarantined(why: str, **more: Any) -> dict[str, Any]:
+def quarantined(why: str, at: float = NOW, **more: Any) -> dict[str, Any]:
     """Its change has failed; nothing else was wrong with it before."""
-    return {"update": replace(EDITION, quarantined={"now": why}), **more}
+    return {"update": replace(EDITION, quarantined={"now": why}, failed_at=at), **more}
 
 
 # -- the bake --------------------------------------------------------------------------------------------------
@@ -183,15 +183,15 @@ PROBES = replace(STARTING, update=replace(EDITION, since=95.0))
 """A run that began before its probes changed."""
 
 
-def lost(why: str, **more: Any) -> dict[str, Any]:
-    return {"update": replace(PROBES.update, quarantined={"now": why}), **more}
+def lost(why: str, at: float = NOW, **more: Any) -> dict[str, Any]:
+    return {"update": replace(PROBES.update, quarantined={"now": why}, failed_at=at), **more}
 
 
 def test_a_run_that_does_not_answer_new_probes_in_time_is_no_longer_ready():
     late = {"service": PROBED, "now": 125.0, "looked": 125.0}
     denied = said(False, at=125.0)
     known = replace(PROBES, probe="refused", exits=1, attempts=FAILED, error="bad")
-    found = lost("not ready within 30 s: refused", exits=0, attempts={}, error="")
+    found = lost("not ready within 30 s: refused", 125.0, exits=0, attempts={}, error="")
     assert changes(known, base(), ready=denied, **late) == found
     assert changes(known, base(), ready=denied, **{**late, "now": 124.9}) == {}
     waits = {"unproven_since": 125.0}
@@ -208,7 +208,7 @@ def test_a_ready_run_that_denies_its_new_probe_has_the_time_of_the_probe():
     assert changes(known, base(), now=124.9, **more) == {"unproven_since": 95.0}
     found = changes(known, base(), now=125.0, **more)
     gone = {"ready": False, "was_ready": False, "well_since": None}
-    assert found == lost("not ready within 30 s: refused", **gone)
+    assert found == lost("not ready within 30 s: refused", 125.0, **gone)
 
 
 def test_a_run_that_was_ready_or_hangs_fails_with_what_its_probe_said():
@@ -283,7 +283,7 @@ def test_a_trial_fails_if_it_ends_hangs_or_is_lost(known, seen, service, why):
 
 def test_a_trial_that_is_not_ready_in_time_fails():
     late = {"service": PROBED, "now": 120.0, "looked": 120.0, "ready": said(False, at=120.0)}
-    assert changes(STARTING, NEW, OLD, **late) == quarantined("not ready within 30 s")
+    assert changes(STARTING, NEW, OLD, **late) == quarantined("not ready within 30 s", 120.0)
     assert changes(STARTING, NEW, OLD, **{**late, "now": 119.9}) == {}
     assert changes(STARTING, NEW, OLD, **{**late, "service": DELAYED}) == {}
 
@@ -350,10 +350,10 @@ def test_a_new_edition_begins_without_back_off():
 
 def test_a_failed_edition_is_quarantined_once():
     known = replace(NONE, exits=2, attempts=FAILED, error="bad", update=EDITION)
-    found = failed(known, "late")
-    assert found == replace(NONE, update=replace(EDITION, quarantined={"now": "late"}))
-    assert failed(found, "again") is found
-    assert failed(replace(found, update=replace(found.update, edition="next")), "bad").update.quarantined == {
+    found = failed(known, "late", NOW)
+    assert found == replace(NONE, update=replace(EDITION, quarantined={"now": "late"}, failed_at=NOW))
+    assert failed(found, "again", NOW) is found
+    assert failed(replace(found, update=replace(found.update, edition="next")), "bad", NOW).update.quarantined == {
         "now": "late",
         "next": "bad",
     }
@@ -361,18 +361,18 @@ def test_a_failed_edition_is_quarantined_once():
 
 def test_only_a_refused_trial_is_a_failure_of_the_change():
     def refusal(operation: Any) -> str:
-        return refused(STARTING, Action(0, operation, "base"), "no such device").update.failed
+        return refused(STARTING, Action(0, operation, "base"), "no such device", NOW).update.failed
 
     assert refusal(Start(container="a", trial="now")) == "no such device"
     assert refusal(Start(container="a", trial="before")) == ""
     assert refusal(Start(container="a")) == ""
     assert refusal(Create(name="base", spec={}, labels={}, digest="")) == ""
     unknown = replace(STARTING, update=Update())
-    assert refused(unknown, Action(0, Start(container="a"), "base"), "no") is unknown
+    assert refused(unknown, Action(0, Start(container="a"), "base"), "no", NOW) is unknown
 
 
 def test_a_quarantine_is_lifted_once_per_request():
-    known = Memory(progress={"base": failed(replace(STARTING, attempts=FAILED), "late"), "arm": STARTING})
+    known = Memory(progress={"base": failed(replace(STARTING, attempts=FAILED), "late", NOW), "arm": STARTING})
     found = retried(known, {"base": "12:00"})
     assert found.of("base") == replace(STARTING, update=replace(EDITION, lifted="12:00"))
     assert found.of("arm") is known.of("arm")

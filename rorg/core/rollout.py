@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import inf
 
 from rorg.core.desired import Desired
 from rorg.core.diff import difference
@@ -230,7 +231,7 @@ def refused(progress: Progress, action: Action, error: str, now: float) -> Progr
 def retried(memory: Memory, asked: Mapping[str, str]) -> Memory:
     """Lift the quarantine of these services, once per request."""
     progress = {
-        name: replace(progress_of, attempts={}, update=replace(progress_of.update, quarantined={}, lifted=at))
+        name: replace(progress_of, attempts={}, update=replace(progress_of.update, quarantined={}, failed_at=-inf, lifted=at))
         for name, at in asked.items()
         if (progress_of := memory.of(name)).update.lifted != at
     }
