@@ -231,9 +231,9 @@ def refused(progress: Progress, action: Action, error: str, now: float) -> Progr
 def retried(memory: Memory, asked: Mapping[str, str]) -> Memory:
     """Lift the quarantine of these services, once per request."""
     progress = {
-        name: replace(progress_of, attempts={}, update=replace(progress_of.update, quarantined={}, failed_at=-inf, lifted=at))
+        name: replace(step, attempts={}, update=replace(step.update, quarantined={}, failed_at=-inf, lifted=at))
         for name, at in asked.items()
-        if (progress_of := memory.of(name)).update.lifted != at
+        if (step := memory.of(name)).update.lifted != at
     }
     return replace(memory, progress={**memory.progress, **progress}) if progress else memory
 
