@@ -1,4 +1,5 @@
-"""An engine that seems to be on another machine: its unix socket reached through TCP."""
+"""A server that seems to be on another machine: reached through TCP, or through a socket of its own, on a line that can
+be cut."""
 
 from __future__ import annotations
 
@@ -6,29 +7,68 @@ import contextlib
 import re
 import socket
 import threading
+import weakref
+from pathlib import Path
 
 
 class Forwarder:
-    """Listens at a TCP port of this machine and passes everything on to a unix socket. With `pid`, every process that
-    the engine names has this number: one of this machine that is nothing of the engine's."""
+    """Passes everything on to a unix socket, or to a TCP port of this machine. It listens at a port of its own, or at
+    the path `at`. With `pid`, every process that the engine names has this number: one of this machine that is nothing
+    of the engine's."""
 
-    def __init__(self, host: str, pid: int = 0) -> None:
+    def __init__(self, host: str, pid: int = 0, at: Path | None = None) -> None:
         self.path, self.pid = host.removeprefix("unix://"), pid
         self.silent = False
         """Streams of events stay open and say nothing."""
-        self.listener = socket.create_server(("127.0.0.1", 0))
-        self.host = f"tcp://127.0.0.1:{self.listener.getsockname()[1]}"
+        self._whole, self._refuses = threading.Event(), False
+        self._whole.set()
+        self._open: weakref.WeakSet[socket.socket] = weakref.WeakSet()
+        if at is None:
+            self.listener = socket.create_server(("127.0.0.1", 0))
+            self.host = f"tcp://127.0.0.1:{self.listener.getsockname()[1]}"
+        else:
+            self.listener = socket.socket(socket.AF_UNIX)
+            self.listener.bind(str(at))
+            self.listener.listen()
+            self.host = f"unix://{at}"
         threading.Thread(target=self._accept, daemon=True).start()
 
     def close(self) -> None:
         self.listener.close()
 
+    def cut(self, refuses: bool) -> None:
+        """Until mend(): either ends all connections and those that come, or lets them stay open without a word."""
+        self._refuses = refuses
+        self._whole.clear()
+        for connection in list(self._open) if refuses else ():
+            with contextlib.suppress(OSError):
+                connection.shutdown(socket.SHUT_RDWR)
+
+    def mend(self) -> None:
+        self._whole.set()
+
+    def _connected(self) -> socket.socket | None:
+        """To the server; None if it does not answer, or must not."""
+        if self._refuses and not self._whole.is_set():
+            return None
+        try:
+            if self.path.startswith("tcp://"):
+                host, _, port = self.path.removeprefix("tcp://").partition(":")
+                return socket.create_connection((host, int(port)))
+            engine = socket.socket(socket.AF_UNIX)
+            engine.connect(self.path)
+            return engine
+        except OSError:
+            return None
+
     def _accept(self) -> None:
         with contextlib.suppress(OSError):
             while True:
                 client, _ = self.listener.accept()
-                engine = socket.socket(socket.AF_UNIX)
-                engine.connect(self.path)
+                if (engine := self._connected()) is None:
+                    client.close()
+                    continue
+                self._open.update((client, engine))
                 asked: list[bytes] = []
                 threading.Thread(target=self._ask, args=(client, engine, asked), daemon=True).start()
                 threading.Thread(target=self._answer, args=(engine, client, asked), daemon=True).start()
@@ -39,6 +79,7 @@ class Forwarder:
             while data := client.recv(1 << 16):
                 if found := re.match(rb"[A-Z]+ (?:/v[0-9.]+)?(/[^ ?]*)", data):
                     asked[:] = [found[1]]
+                self._whole.wait()
                 engine.sendall(data)
             engine.shutdown(socket.SHUT_WR)
 
@@ -47,6 +88,7 @@ class Forwarder:
             while data := engine.recv(1 << 16):
                 if self.silent and asked == [b"/events"]:
                     continue
+                self._whole.wait()
                 client.sendall(re.sub(rb'"Pid":([1-9][0-9]*)', self._other, data) if self.pid else data)
             client.shutdown(socket.SHUT_WR)
 

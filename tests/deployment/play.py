@@ -1,0 +1,54 @@
+"""`make deployment`: plays a week, or its first MINUTES, on a private engine; writes docs/evaluation/deployment.json, and
+the page and plot from it. With FILE, writes the record there and nothing else. As root."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+from conftest import alone_on_the_machine
+from deployment import report
+from deployment.auditor import save
+from deployment.player import LIVE_RESTORE, Player
+from deployment.tour_guide import tour_guide
+from deployment.week import WEEK, first, week
+from dockerd import Dockerd, clean_up, import_base
+
+
+def play(seed: int, seconds: float, folder: Path, say: Callable[[str], None] = print) -> dict:
+    """The record of a week, or of its first part, on an engine of its own."""
+    clean_up()
+    engine = Dockerd(Path(subprocess.check_output(["mktemp", "-d", "/tmp/rorg-dockerd.XXXXXX"], text=True).strip()))
+    engine.options = LIVE_RESTORE
+    try:
+        engine.start()
+        import_base(engine.host)
+        player = Player(folder, engine)
+        try:
+            player.play(first(week(seed, tour_guide()), seconds), say)
+        finally:
+            player.close()
+    finally:
+        engine.close()
+    machine = {"cores": os.cpu_count(), "load": [round(load, 1) for load in os.getloadavg()]}
+    return {"seed": seed, "seconds": seconds, **machine, **player.auditor.record}
+
+
+def main(words: list[str]) -> int:
+    seed, minutes = int(words[0]), float(words[1])
+    os.environ["PATH"] += os.pathsep + "/usr/sbin"
+    with tempfile.TemporaryDirectory(prefix="rorg-week-") as folder, alone_on_the_machine("deployment"):
+        record = play(seed, min(WEEK, minutes * 60), Path(folder), lambda line: print(line, flush=True))
+    save(record, Path(words[2]) if words[2:] else report.FIGURES)
+    if not words[2:]:
+        report.write()
+    print(report.headline(record))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
