@@ -1,5 +1,5 @@
-"""Which edition of each service must run, by what was pushed: that of the last commit that is valid; if it is bad there,
-the one before."""
+"""Which edition of each service must run, by what was pushed: that of the last commit that is valid; if it is bad
+there, the one before."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""`make deployment`: plays a week, or its first MINUTES, on a private engine; writes docs/evaluation/deployment.json, and
-the page and plot from it. With FILE, writes the record there and nothing else. As root."""
+"""Plays a week, or its first MINUTES, on a private engine, as root: play.py SEED MINUTES [FILE]. Writes
+docs/evaluation/deployment.json, and the page and plot from it; with FILE, only the record, there."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from pathlib import Path
 from conftest import alone_on_the_machine
 from deployment import report
 from deployment.auditor import save
+from deployment.figures import Figures
 from deployment.player import LIVE_RESTORE, Player
 from deployment.tour_guide import tour_guide
 from deployment.week import WEEK, first, week
@@ -46,7 +47,7 @@ def main(words: list[str]) -> int:
     save(record, Path(words[2]) if words[2:] else report.FIGURES)
     if not words[2:]:
         report.write()
-    print(report.headline(record))
+    print(report.headline(Figures(record, tour_guide())))
     return 0
 
 

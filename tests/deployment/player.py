@@ -6,7 +6,6 @@ import contextlib
 import os
 import subprocess
 import threading
-import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -33,6 +32,8 @@ LEASE = 4.0
 """Seconds of the behaviour's request: after a restart it asks again within a third of that."""
 NIGHT_LASTS = 120.0
 """Seconds at most until all is as asked for when nothing happens any more."""
+BUILT_WITHIN = 900.0
+"""Seconds until all images are built, and all that is always on is ready."""
 BAD_COMMAND, BAD_FIELD = {"command": ["no-such-program"]}, {"imgae": "x"}
 
 
@@ -118,8 +119,9 @@ class Player:
         """From the moment at which all that is always on is ready, to a checkpoint after the last event."""
         self.rorg.start()
         always = sorted(self.guide.wanted(()))
-        wait_for(lambda: Path(self.rorg.socket()).exists(), 60, "rorg")
-        self.rorg.client(patience=60.0).wait(*always, timeout=300.0)
+        wait_for(lambda: Path(self.rorg.socket()).exists(), 300, "rorg")
+        client = self.rorg.client(patience=60.0)
+        wait_for(lambda: all(one["ready"] for one in client.readiness(*always).values()), BUILT_WITHIN, "the robot")
         self.developer.start()
         self.behaviour.start()
         self.auditor.start()

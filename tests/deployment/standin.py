@@ -3,6 +3,7 @@
 standin.py PORT. The file /edition has the number of the software and, if it is bad, what is wrong with it; EDITION is
 the number of the configuration."""
 
+import contextlib
 import os
 import signal
 import socket
@@ -24,8 +25,6 @@ listener.listen(64)
 answer = f"{software} {os.environ['EDITION']}\n".encode()
 while True:
     asker, _ = listener.accept()
-    try:
+    with contextlib.suppress(OSError):  # it has hung up while this service was paused
         asker.sendall(answer)
-    except OSError:
-        pass  # it has hung up while this service was paused
     asker.close()

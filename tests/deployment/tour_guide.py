@@ -17,7 +17,7 @@ MANIFESTS = ROOT / "manifests"
 ROS, MASTER = "tritonbot_ros", "roscore"
 """The profile of ROS programs, and the service that they follow."""
 KEPT = ("always_on", "conflicts", "idle", "priority")
-READY_WITHIN = "8s"
+READY_WITHIN = "15s"
 STANDIN = Path(__file__).parent / "standin.py"
 PARENT = "tour_guide_base"
 PORTS = range(21000, 32000)

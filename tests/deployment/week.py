@@ -152,4 +152,3 @@ def _faults(chance: Random, guide: Guide, visits: Sequence[Event]) -> Iterator[E
 
 def _lasting(chance: Random, at: float, begin: Kind, end: Kind, lasts: Span) -> Iterator[Event]:
     yield from (Event(at, begin), Event(at + chance.uniform(lasts.least, lasts.most), end))
-
