@@ -40,9 +40,10 @@ BAD_COMMAND, BAD_FIELD = {"command": ["no-such-program"]}, {"imgae": "x"}
 class Asker(threading.Thread):
     """A program that keeps one request for what it needs at the moment, whatever becomes of rorg."""
 
-    def __init__(self, client: Client, id: str, ttl: float | None) -> None:
+    def __init__(self, client: Client, **more: str | float | None) -> None:
+        """`more`: id, requester and lease of the request."""
         super().__init__(daemon=True)
-        self.client, self.id, self.ttl = client, id, ttl
+        self.client, self.more = client, more
         self._wanted: tuple[str, ...] = ()
         self._asked: tuple[str, ...] = ()
         self._kept: Request | None = None
@@ -64,7 +65,7 @@ class Asker(threading.Thread):
     def _ask(self, services: Sequence[str]) -> None:
         before = self._kept
         if services:
-            self._kept = self.client.request(*services, id=self.id, ttl=self.ttl)
+            self._kept = self.client.request(*services, **self.more)
             if before:
                 before.abandon()
         elif before:
@@ -92,8 +93,9 @@ class Player:
         self.rorg = RorgProcess(folder, {}, "--poll", POLL, docker=self.engine.host)
         url = self.remote.host.replace("tcp://", "git://")
         self.rorg.manifests = ["--git", f"{url}/origin.git@main", "--path", "robot"]
-        self.developer = Asker(self.rorg.client(timeout=5.0, patience=0.0), "autonomy", None)
-        self.behaviour = Asker(self.rorg.client(BEHAVIOUR, timeout=5.0, patience=0.0), BEHAVIOUR, LEASE)
+        client = self.rorg.client(timeout=5.0, patience=0.0)
+        self.developer = Asker(client, id="autonomy", ttl=None)
+        self.behaviour = Asker(client, id=BEHAVIOUR, requester=BEHAVIOUR, ttl=LEASE)
         self.auditor = Auditor(self.guide, self.ports, self.rorg, dockerd.host, self.editions)
         self.api, self.threads, self.shift = docker.APIClient(dockerd.host, version="auto"), [], 0.0
         self.acts: dict[Kind, Callable[[Event], None]] = {

@@ -102,7 +102,7 @@ def requests(figures: Figures) -> str:
     for state in sorted({request.state for request in figures.requests}):
         those = [r for r in figures.requests if r.state == state]
         outcomes, ready = Counter(r.outcome for r in those), sorted(r.ready for r in those if r.ready is not None)
-        times = [f"{value:.1f} s" for value in (*_spread(ready), *ready[-1:])]
+        times = [f"{value:.1f} s" for value in (*_spread(ready), ready[-1])] if ready else [""] * 3
         rows.append([state, len(those), *(outcomes[o] for o in ("in time", "late", "withdrawn")), *times])
     return table(
         ("state", "requests", f"ready within {BOUND:g} s", "late", "ended before", "median", "95 %", "longest"), rows
