@@ -120,7 +120,7 @@ evaluation: $(VENV)/test-installed
 # `make evaluation` draws tables. As root, on a machine that does nothing else, half an hour for each demand. COMPOSE
 # names a binary of Docker Compose 2. ARGS="--rounds 1 --seconds 10 --save /tmp/try.json --anyway" tries it in minutes.
 contention: $(VENV)/test-installed
-	PYTHONPATH=tests $(BIN)/python docs/evaluation/contention.py $(ARGS)
+	PYTHONPATH=tests:tests/programs $(BIN)/python docs/evaluation/contention.py $(ARGS)
 
 # Three robots run on a private Docker engine, and what was recorded is simulated: how far is the simulator off? A quarter
 # of an hour, as root, on a machine that does nothing else; any other is refused. ARGS="--anyway FILE" to try it anyway.

@@ -11,12 +11,12 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT, wait_for
-from programs.foreground import PERIOD, RECORD
 
-sys.path.insert(0, str(ROOT / "docs/evaluation"))
+sys.path[:0] = [str(ROOT / "docs/evaluation"), str(ROOT / "tests/programs")]
 import contended
 import contention
 import contention_robot
+from foreground import PERIOD, RECORD
 
 
 def test_each_tick_has_the_latency_until_its_output():

@@ -31,7 +31,7 @@ import psutil
 from conftest import wait_for
 from contention_robot import CORES, FAVOUR, FOREGROUND, PATIENCE, START_WORK, AllOn, Robot, Rorg, Script, Stop, tour_of
 from dockerd import Dockerd, clean_up, import_base
-from programs.foreground import PERIOD, RECORD
+from foreground import PERIOD, RECORD
 from slices import Slice
 
 from rorg.errors import NotReady, RorgError
