@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: site demo test engines pythons properties fuzz fuzz-guided proof proof-docker worlds defects mutants soak ros2 lint types bench corpus schemas docs evaluation contention recorded programs constraints deb packages arm vm machines clean
+.PHONY: site demo test engines pythons properties fuzz fuzz-guided proof proof-docker worlds defects mutants soak ros2 lint types bench corpus schemas docs evaluation contention recorded programs deployment constraints deb packages arm vm machines clean
 
 # Debian keeps the venv of its Python in a package of its own; .ci/venv sees to that.
 $(BIN)/rorg: pyproject.toml
@@ -132,6 +132,11 @@ recorded: $(VENV)/test-installed
 # ten minutes, and more the first time. ARGS="--anyway --save /tmp/try.json" to try it on a busy one.
 programs: $(VENV)/test-installed
 	$(BIN)/python docs/evaluation/programs.py $(ARGS)
+
+# docs/evaluation/deployment.md: a week of the tour guide with 197 updates and as many faults as a robot meets, on a
+# private Docker engine, as root. MINUTES=3 plays its first three of 40 minutes; SEED=2 another week.
+deployment: $(VENV)/test-installed
+	PYTHONPATH=tests:.:clients/python $(BIN)/python -m deployment.play $(or $(SEED),1) $(or $(MINUTES),40) $(ARGS)
 
 # dist/rorg_VERSION_ARCHITECTURE.deb, for Debian bookworm. ARCH=arm64 or amd64 for another machine than this one.
 deb: $(BIN)/rorg

@@ -27,6 +27,8 @@ LASTS = {
 """Kinds of events that can end a service, and for how many seconds afterwards they may. An update is fetched, and its
 image built, before anything ends."""
 UNKNOWN = "not known"
+LEFT_OVER, LET_GO = "the end of the state before, which came late", 20.0
+"""The cause if a service that still ran from an earlier request is paused or stopped so soon after the next one."""
 
 
 class Played(NamedTuple):
@@ -120,7 +122,9 @@ class Figures:
             for at, until, said in self.answers(name, begin, end):
                 was_up = was_up or bool(said)
                 if was_up and not said:
-                    yield Down(name, at, until, self.cause(name, at))
+                    cause = self.cause(name, at)
+                    soon = cause == UNKNOWN and begin > 0 and at < begin + LET_GO
+                    yield Down(name, at, until, LEFT_OVER if soon else cause)
 
     def cause(self, name: str, at: float) -> str:
         """The event that has most to do with a service, and of those the last one before this time."""

@@ -1,5 +1,5 @@
-"""Plays a week, or its first MINUTES, on a private engine, as root: play.py SEED MINUTES [FILE]. Writes
-docs/evaluation/deployment.json, and the page and plot from it; with FILE, only the record, there."""
+"""Plays a week, or its first MINUTES, on a private engine, as root: play.py SEED MINUTES [RECORD]. Writes the record,
+and the page and plot beside it: by default of a whole week in docs/evaluation, else in .venv."""
 
 from __future__ import annotations
 
@@ -10,10 +10,9 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-from conftest import alone_on_the_machine
+from conftest import ROOT, alone_on_the_machine
 from deployment import report
 from deployment.auditor import save
-from deployment.figures import Figures
 from deployment.player import LIVE_RESTORE, Player
 from deployment.tour_guide import tour_guide
 from deployment.week import WEEK, first, week
@@ -40,14 +39,13 @@ def play(seed: int, seconds: float, folder: Path, say: Callable[[str], None] = p
 
 
 def main(words: list[str]) -> int:
-    seed, minutes = int(words[0]), float(words[1])
+    seed, seconds = int(words[0]), min(WEEK, 60 * float(words[1]))
+    path = Path(words[2]) if words[2:] else report.FIGURES if seconds == WEEK else ROOT / ".venv/deployment.json"
     os.environ["PATH"] += os.pathsep + "/usr/sbin"
     with tempfile.TemporaryDirectory(prefix="rorg-week-") as folder, alone_on_the_machine("deployment"):
-        record = play(seed, min(WEEK, minutes * 60), Path(folder), lambda line: print(line, flush=True))
-    save(record, Path(words[2]) if words[2:] else report.FIGURES)
-    if not words[2:]:
-        report.write()
-    print(report.headline(Figures(record, tour_guide())))
+        save(play(seed, seconds, Path(folder), lambda line: print(line, flush=True)), path)
+    report.write(path)
+    print(f"{report.headline(report.read(path))}\n{path.with_suffix('.md')}")
     return 0
 
 

@@ -1,5 +1,5 @@
-"""Writes docs/evaluation/deployment.md and its plot from the record of a week. `python -m deployment.report` does it
-again without playing."""
+"""Writes docs/evaluation/deployment.md, its plot, and a line in docs/evaluation.md from the record of a week.
+`python -m deployment.report` does it again without playing."""
 
 from __future__ import annotations
 
@@ -21,8 +21,9 @@ from rorg.plots.states import LOOKS, REQUEST
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-FOLDER = ROOT / "docs/evaluation"
-FIGURES, PAGE, PLOT = (FOLDER / f"deployment.{form}" for form in ("json", "md", "svg"))
+FIGURES, OVERVIEW = ROOT / "docs/evaluation/deployment.json", ROOT / "docs/evaluation.md"
+PAGE = FIGURES.with_suffix(".md")
+BEGIN, END = "<!-- begin: deployment headline -->", "<!-- end: deployment headline -->"
 TEXT = Path(__file__).parent / "page.md"
 """The page without its figures."""
 QUIET = (Kind.ASKED, Kind.NIGHT, Kind.RORG_STARTED, Kind.ENGINE_BACK, Kind.REMOTE_BACK)
@@ -39,8 +40,8 @@ PART = 10.0
 """Seconds of a point of the plot."""
 
 
-def read() -> Figures:
-    return Figures(json.loads(FIGURES.read_text()), tour_guide())
+def read(path: Path = FIGURES) -> Figures:
+    return Figures(json.loads(path.read_text()), tour_guide())
 
 
 def headline(figures: Figures) -> str:
@@ -212,14 +213,10 @@ def draw(figures: Figures) -> Figure:
     lanes.set_ylim(len(LANES), 0)
     lanes.tick_params(left=False)
     samples = figures.record["samples"]
-    memory.plot(
-        [s[0] / 60 for s in samples], [s[1] for s in samples], color="#0550ae", linewidth=1.0, label="memory of rorg"
-    )
-    memory.plot([s[0] / 60 for s in samples], [s[2] for s in samples], color="#a8b0b9", linewidth=1.0, label="journal")
+    memory.plot([s[0] / 60 for s in samples], [s[1] for s in samples], color="#0550ae", linewidth=1.0)
     memory.set_ylim(bottom=0)
-    memory.set_ylabel("MB")
+    memory.set_ylabel("memory of rorg (MB)")
     memory.set_xlabel("minutes; dark red: bad updates and their reverts")
-    memory.legend(loc="center right", frameon=False)
     for axes in (availability, lanes, memory):
         axes.grid(axis="x" if axes is lanes else "both", alpha=0.3)
         axes.spines[["top", "right"]].set_visible(False)
@@ -228,10 +225,19 @@ def draw(figures: Figures) -> Figure:
     return made
 
 
-def write() -> None:
-    figures = read()
-    PAGE.write_text(page(figures))
-    save(lambda: draw(figures), PLOT)
+def overview(text: str, figures: Figures) -> str:
+    """docs/evaluation.md with the result."""
+    before, _, rest = text.partition(BEGIN)
+    return f"{before}{BEGIN}\n\n{headline(figures)}\n\n{END}{rest.partition(END)[2]}"
+
+
+def write(path: Path = FIGURES) -> None:
+    """`path`: of the record; page and plot are written beside it."""
+    figures = read(path)
+    path.with_suffix(".md").write_text(page(figures))
+    save(lambda: draw(figures), path.with_suffix(".svg"))
+    if path == FIGURES:
+        OVERVIEW.write_text(overview(OVERVIEW.read_text(), figures))
 
 
 if __name__ == "__main__":

@@ -111,7 +111,10 @@ def test_a_bad_update_and_what_became_of_it():
 
 
 def test_the_page_shows_the_record():
-    assert report.page(report.read()) == report.PAGE.read_text(), REMEDY
+    found, overview = report.read(), report.OVERVIEW.read_text()
+    assert report.page(found) == report.PAGE.read_text(), REMEDY
+    assert report.overview(overview, found) == overview, REMEDY
+    assert "A week of the tour guide" in report.FIGURES.with_suffix(".svg").read_text()
 
 
 def test_the_record_is_that_of_a_whole_week():

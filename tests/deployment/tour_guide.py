@@ -20,7 +20,7 @@ KEPT = ("always_on", "conflicts", "idle", "priority")
 READY_WITHIN = "15s"
 STANDIN = Path(__file__).parent / "standin.py"
 PARENT = "tour_guide_base"
-PORTS = range(21000, 32000)
+PORTS = range(24100, 32000)
 """Below those that the kernel gives to connections."""
 
 
