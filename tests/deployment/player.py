@@ -8,6 +8,7 @@ import subprocess
 import threading
 from collections import Counter
 from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from pathlib import Path
 
 import commands
@@ -97,7 +98,9 @@ class Player:
         self.developer = Asker(client, id="autonomy", ttl=None)
         self.behaviour = Asker(client, id=BEHAVIOUR, requester=BEHAVIOUR, ttl=LEASE)
         self.auditor = Auditor(self.guide, self.ports, self.rorg, dockerd.host, self.editions)
-        self.api, self.threads, self.shift = docker.APIClient(dockerd.host, version="auto"), [], 0.0
+        self.api, self.shift = docker.APIClient(dockerd.host, version="auto"), 0.0
+        self.engineer, self.restarts = ThreadPoolExecutor(1), list[Future]()
+        """Restarts the engine, beside all else. The engine ends with the thread that started it."""
         self.acts: dict[Kind, Callable[[Event], None]] = {
             Kind.ASKED: self.asks,
             Kind.NIGHT: self.night,
@@ -148,14 +151,13 @@ class Player:
         self.developer.stop()
         self.behaviour.stop()
         self.auditor.stop()
-        for thread in self.threads:
-            thread.join(120)
-        self.engine.mend()
-        self.rorg.close()
+        self.rorg.stop(kill=True)
+        self.rorg.closed = True
         self.engine.close()
         self.remote.close()
         os.killpg(self.git.pid, 15)
         self.git.wait(30)
+        self.engineer.shutdown()
 
     # -- visitors ----------------------------------------------------------------------------------------------
 
@@ -169,9 +171,7 @@ class Player:
         self.behaviour.want(())
         self.developer.want(())
         self.auditor.asked("night", ())
-        for thread in self.threads:
-            thread.join(120)
-        self.threads.clear()
+        wait(self.restarts, 120)
         began = self.auditor.now
         self.auditor.checkpoint(NIGHT_LASTS)
         words = ("image", "prune", "--yes", "--state-dir", str(self.rorg.state))
@@ -206,15 +206,12 @@ class Player:
         self.api.kill(found[0]["Id"])
 
     def restarts_engine(self, event: Event) -> None:
-        """Beside all else, since an engine takes some seconds to end and to come back."""
-
         def restart() -> None:
             self.dockerd.stop(kill=event.kind is Kind.ENGINE_KILLED)
             self.dockerd.options = () if event.kind is Kind.ENGINE_BARE else LIVE_RESTORE
             self.dockerd.start()
 
-        self.threads.append(threading.Thread(target=restart))
-        self.threads[-1].start()
+        self.restarts.append(self.engineer.submit(restart))
 
 
 def after(events: Sequence[Event]) -> list[Event]:
