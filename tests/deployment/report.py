@@ -189,7 +189,9 @@ def page(figures: Figures) -> str:
         "needless": listed([f"{s.what} of {s.service} at {s.at:.0f} s" for s in needless(figures)]),
     }
     makers = (events, requests, services, downtime, bad_updates, restarts, nights, growth)
-    parts |= {"unknown": UNKNOWN} | {maker.__name__: maker(figures) for maker in makers}
+    load = median(sample[6] for sample in _rows(figures, "samples"))
+    parts |= {"cores": figures.record["cores"], "load": f"{load:.0f}"}
+    parts |= {maker.__name__: maker(figures) for maker in makers}
     return TEXT.read_text().format_map(parts)
 
 
