@@ -13,29 +13,28 @@ from pathlib import Path
 from conftest import ROOT, alone_on_the_machine
 from deployment import report
 from deployment.auditor import save
-from deployment.player import LIVE_RESTORE, Player
+from deployment.player import LIVE_RESTORE, Player, start_engine
 from deployment.tour_guide import tour_guide
 from deployment.week import WEEK, first, week
 from dockerd import Dockerd, clean_up, import_base
 
 
-def play(seed: int, seconds: float, folder: Path, say: Callable[[str], None] = print) -> dict:
-    """The record of a week, or of its first part, on an engine of its own."""
+def play(seed: int, seconds: float, folder: Path, path: Path, say: Callable[[str], None] = print) -> None:
+    """Writes the record of a week, or of its first part, on an engine of its own; also if it is interrupted."""
     clean_up()
     engine = Dockerd(Path(subprocess.check_output(["mktemp", "-d", "/tmp/rorg-dockerd.XXXXXX"], text=True).strip()))
     engine.options = LIVE_RESTORE
     try:
-        engine.start()
+        start_engine(engine)
         import_base(engine.host)
         player = Player(folder, engine)
         try:
             player.play(first(week(seed, tour_guide()), seconds), say)
         finally:
             player.close()
+            save({"seed": seed, "seconds": seconds, "cores": os.cpu_count(), **player.auditor.record}, path)
     finally:
         engine.close()
-    machine = {"cores": os.cpu_count(), "load": [round(load, 1) for load in os.getloadavg()]}
-    return {"seed": seed, "seconds": seconds, **machine, **player.auditor.record}
 
 
 def main(words: list[str]) -> int:
@@ -43,7 +42,7 @@ def main(words: list[str]) -> int:
     path = Path(words[2]) if words[2:] else report.FIGURES if seconds == WEEK else ROOT / ".venv/deployment.json"
     os.environ["PATH"] += os.pathsep + "/usr/sbin"
     with tempfile.TemporaryDirectory(prefix="rorg-week-") as folder, alone_on_the_machine("deployment"):
-        save(play(seed, seconds, Path(folder), lambda line: print(line, flush=True)), path)
+        play(seed, seconds, Path(folder), path, lambda line: print(line, flush=True))
     report.write(path)
     print(f"{report.headline(report.read(path))}\n{path.with_suffix('.md')}")
     return 0

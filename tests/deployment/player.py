@@ -33,6 +33,8 @@ LEASE = 4.0
 """Seconds of the behaviour's request: after a restart it asks again within a third of that."""
 NIGHT_LASTS = 120.0
 """Seconds at most until all is as asked for when nothing happens any more."""
+TRIES = 10
+"""To start the engine; its unit tries again and again."""
 BUILT_WITHIN = 900.0
 """Seconds until all images are built, and all that is always on is ready."""
 BAD_COMMAND, BAD_FIELD = {"command": ["no-such-program"]}, {"imgae": "x"}
@@ -209,9 +211,18 @@ class Player:
         def restart() -> None:
             self.dockerd.stop(kill=event.kind is Kind.ENGINE_KILLED)
             self.dockerd.options = () if event.kind is Kind.ENGINE_BARE else LIVE_RESTORE
-            self.dockerd.start()
+            start_engine(self.dockerd)
 
         self.restarts.append(self.engineer.submit(restart))
+
+
+def start_engine(dockerd: Dockerd) -> None:
+    for _ in range(TRIES):
+        try:
+            return dockerd.start()
+        except (AssertionError, RuntimeError):  # a busy machine: its containerd, for one, has only 15 s
+            dockerd.stop(kill=True)
+    raise AssertionError("the engine does not start")
 
 
 def after(events: Sequence[Event]) -> list[Event]:

@@ -126,8 +126,9 @@ def test_the_record_is_that_of_a_whole_week():
 def test_a_part_of_a_week_on_docker(tmp_path_factory):
     if why := Dockerd.missing():
         no_docker(why)
-    record = play(1, 25.0, tmp_path_factory.mktemp("week"))
-    found = Figures(record, GUIDE)
+    path = tmp_path_factory.mktemp("record") / "deployment.json"
+    play(1, 25.0, tmp_path_factory.mktemp("week"), path)
+    found = report.read(path)
     assert not report.wrong(found)
     assert not report.needless(found)
     assert {down.cause for down in found.downs} <= {Kind.KILL, *UPDATES}
