@@ -10,7 +10,7 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-from conftest import ROOT, alone_on_the_machine
+from conftest import ROOT
 from deployment import report
 from deployment.auditor import save
 from deployment.player import LIVE_RESTORE, Player, start_engine
@@ -41,7 +41,7 @@ def main(words: list[str]) -> int:
     seed, seconds = int(words[0]), min(WEEK, 60 * float(words[1]))
     path = Path(words[2]) if words[2:] else report.FIGURES if seconds == WEEK else ROOT / ".venv/deployment.json"
     os.environ["PATH"] += os.pathsep + "/usr/sbin"
-    with tempfile.TemporaryDirectory(prefix="rorg-week-") as folder, alone_on_the_machine("deployment"):
+    with tempfile.TemporaryDirectory(prefix="rorg-week-") as folder:
         play(seed, seconds, Path(folder), path, lambda line: print(line, flush=True))
     report.write(path)
     print(f"{report.headline(report.read(path))}\n{path.with_suffix('.md')}")

@@ -3,6 +3,7 @@ but say which edition they are. Software is an image of its own for each service
 
 from __future__ import annotations
 
+import os
 import shutil
 import socket
 from collections.abc import Iterable, Mapping, Sequence
@@ -20,8 +21,8 @@ KEPT = ("always_on", "conflicts", "idle", "priority")
 READY_WITHIN = "15s"
 STANDIN = Path(__file__).parent / "standin.py"
 PARENT = "tour_guide_base"
-PORTS = range(24100, 32000)
-"""Below those that the kernel gives to connections."""
+PORTS, ROOM = range(22100, 32000), 100
+"""Ports below those that the kernel gives to connections; so many for each process that plays."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,7 @@ def tour_guide() -> Guide:
 
 def free_ports(names: Sequence[str]) -> dict[str, int]:
     found: list[int] = []
-    for port in PORTS:
+    for port in PORTS[os.getpid() * ROOM % len(PORTS) :]:
         with socket.socket() as tried:
             try:
                 tried.bind(("127.0.0.1", port))
