@@ -21,14 +21,22 @@ LASTS = {
     **dict.fromkeys((*UPDATES, Kind.REVERT), 60.0),
     Kind.KILL: 10.0,
     Kind.RORG_KILLED: 20.0,
-    **dict.fromkeys(ENGINE, 60.0),
+    **dict.fromkeys(ENGINE, 20.0),
     **dict.fromkeys((Kind.ENGINE_CUT, Kind.ENGINE_SILENT), 30.0),
 }
 """Kinds of events that can end a service, and for how many seconds afterwards they may. An update is fetched, and its
 image built, before anything ends."""
 UNKNOWN = "not known"
-LEFT_OVER, LET_GO = "the end of the state before, which came late", 20.0
+FOLLOWED, AWAITED = f"restart of {MASTER}, which it follows", f"end of {BEHAVIOUR}, which asks for it"
+FOLLOWS = 35.0
+"""Seconds for which these may take: rorg restarts two services at a time if no request waits for them."""
+LEFT_OVER, LET_GO = "the end of the request before, which came late", 20.0
 """The cause if a service that still ran from an earlier request is paused or stopped so soon after the next one."""
+SLOW, MISSED = "none: a slow answer of a program that ran on", 0.6
+"""Seconds without an answer that say nothing, if no run ended: the machine is busy."""
+UNTRIED = "not tried before it was reverted"
+NO_REASON = (UNKNOWN, Kind.RORG_KILLED, Kind.ENGINE_KILLED, Kind.ENGINE_STOPPED, Kind.ENGINE_CUT, Kind.ENGINE_SILENT)
+"""Containers must outlive all of these."""
 
 
 class Played(NamedTuple):
@@ -122,31 +130,49 @@ class Figures:
             for at, until, said in self.answers(name, begin, end):
                 was_up = was_up or bool(said)
                 if was_up and not said:
-                    cause = self.cause(name, at)
-                    soon = cause == UNKNOWN and begin > 0 and at < begin + LET_GO
-                    yield Down(name, at, until, LEFT_OVER if soon else cause)
+                    yield Down(name, at, until, self._why_down(name, begin, at, until))
+
+    def _why_down(self, name: str, asked: float, at: float, until: float) -> str:
+        ran_on = not any(at - 1 <= ended <= until for ended in self.runs(name, "die"))
+        if ran_on and until - at < MISSED:
+            return SLOW
+        cause = self.cause(name, at)
+        return LEFT_OVER if cause in NO_REASON and asked > 0 and at < asked + LET_GO else cause
+
+    def runs(self, name: str, action: str) -> list[float]:
+        return [at for at, what, service, _, _ in self.record["runs"] if (what, service) == (action, name)]
 
     def cause(self, name: str, at: float) -> str:
         """The event that has most to do with a service, and of those the last one before this time."""
-        found = [(self._distance(e, name), -e.at, self._told(e, name)) for e in self.events if self._may_end(e, at)]
-        return min([one for one in found if one[0] is not None], default=(0, 0.0, UNKNOWN))[2]
+        changed = self._changed(name, at)
+        found = [
+            (self._distance(e, changed), -e.at, f"bad {e.kind}" if e.bad and e.kind in UPDATES else str(e.kind))
+            for e in self.events
+            if e.service in ("", name)
+            and not e.outcome
+            and e.bad is not Bad.INVALID
+            and e.at - 0.5 <= at <= e.at + LASTS.get(e.kind, -1.0)
+        ]
+        follows, waits = self.guide.follows(name), not self.guide.specs[name].get("always_on")
+        for distance, text, times in (
+            (1, FOLLOWED, self.runs(MASTER, "start") if follows else ()),
+            (2, AWAITED, self.runs(BEHAVIOUR, "die") if waits else ()),
+        ):
+            found += [(distance, -since, text) for since in times if since - 1 <= at <= since + FOLLOWS]
+        return min(found, default=(0, 0.0, UNKNOWN))[2]
 
-    def _may_end(self, event: Played, at: float) -> bool:
-        return event.kind in LASTS and event.at - 0.5 <= at <= event.at + LASTS[event.kind] and not event.outcome
+    @staticmethod
+    def _distance(event: Played, changed: bool) -> int:
+        """An update ends a run only if another specification follows, or if it is bad."""
+        if not event.service:
+            return 0 if event.kind is Kind.ENGINE_BARE else 3
+        return 0 if changed or event.kind is Kind.KILL or (event.bad and event.kind in UPDATES) else 4
 
-    def _distance(self, event: Played, name: str) -> int | None:
-        if event.service == name:
-            return 0
-        if event.service == MASTER:
-            return 1 if self.guide.follows(name) else None
-        if event.service == BEHAVIOUR:
-            return None if self.guide.specs[name].get("always_on") else 2
-        return None if event.service else 3
-
-    def _told(self, event: Played, name: str) -> str:
-        if event.service != name and event.service:
-            return f"restart of {event.service}, which it follows"
-        return f"bad {event.kind}" if event.bad and event.kind in UPDATES else str(event.kind)
+    def _changed(self, name: str, at: float) -> bool:
+        """Whether the next run has another specification."""
+        started = [(t, digest) for t, what, s, _, digest in self.record["runs"] if (what, s) == ("start", name)]
+        before = [digest for t, digest in started if t < at - 0.3][-1:]
+        return before != [digest for t, digest in started if t >= at - 0.3][:1]
 
     def _requests(self) -> Iterator[Request]:
         rows = self.record["asked"]
@@ -200,10 +226,11 @@ class Figures:
 
     def _why(self, name: str, ended: float, at: float) -> str:
         """Why a run ended, or was followed by another one of the same."""
-        for begin, end in self.asked[name]:
-            if begin <= ended - 5 and at + 1 <= end:  # it was asked for all the time
-                return self.cause(name, ended)
-        return "it was not asked for in between"
+        begin = next((begin for begin, end in self.asked[name] if begin <= ended - 1 and at + 1 <= end), None)
+        if begin is None:
+            return "it was not asked for in between"
+        cause = self.cause(name, ended)
+        return LEFT_OVER if cause in NO_REASON and begin > 0 and ended < begin + LET_GO else cause
 
     # -- updates -----------------------------------------------------------------------------------------------
 
@@ -219,9 +246,16 @@ class Figures:
         elif ("update-failed", event.service) in told:
             outcome = "taken back"
         else:
-            outcome = "not tried before it was reverted"
-        mine = [d for d in self.downs if d.service == event.service and event.at <= d.begin <= end]
-        return Fate(event.at, event.bad, event.service, outcome, sum(d.end - d.begin for d in mine))
+            outcome = "on trial when it was reverted" if self._tried(event, end) else UNTRIED
+        answers = (one for span in self.asked[event.service] for one in self.answers(event.service, *span))
+        down = sum(until - at for at, until, said in answers if not said and event.at <= at <= end)
+        return Fate(event.at, event.bad, event.service, outcome, down)
+
+    def _tried(self, event: Played, end: float) -> bool:
+        """Whether a container that was created for it has been started."""
+        rows = [row for row in self.record["runs"] if row[2] == event.service and event.at <= row[0] <= end]
+        made = {container for _, action, _, container, _ in rows if action == "create"}
+        return any(action == "start" and container in made for _, action, _, container, _ in rows)
 
     def unjust(self) -> list[tuple[float, str, str]]:
         """(at, service, what rorg said) of updates that rorg took back although nothing was wrong with them."""

@@ -11,7 +11,7 @@ from statistics import median, quantiles
 from typing import TYPE_CHECKING, Any
 
 from conftest import ROOT
-from deployment.figures import BOUND, ENGINE, UNKNOWN, UPDATES, Figures, Start
+from deployment.figures import BOUND, ENGINE, NO_REASON, UNTRIED, UPDATES, Figures, Start
 from deployment.tour_guide import tour_guide
 from deployment.week import DAY, Kind
 
@@ -50,11 +50,11 @@ def headline(figures: Figures) -> str:
     faults = sum(e.kind not in (*QUIET, *UPDATES, Kind.REVERT) for e in figures.events)
     counted, up = (sum(values) for values in zip(*figures.availability().values(), strict=True))
     good = sum(f.outcome in ("taken back", "refused") for f in fates)
-    tried = sum(f.outcome != "not tried before it was reverted" for f in fates)
+    tried = sum(f.outcome != UNTRIED for f in fates)
     return (
         f"{updates} updates, {len(fates)} of them bad, and {faults} faults: services answered for {up / counted:.2%} "
         f"of the time in which they were asked for. rorg took back or refused {good} of the {tried} bad updates that "
-        f"came into use. {_number(len(wrong(figures)), 'wrong state')}, "
+        f"came into use before they were reverted. {_number(len(wrong(figures)), 'wrong state')}, "
         f"{_number(len(needless(figures)), 'needless restart').lower()}."
     )
 
@@ -64,7 +64,7 @@ def _number(count: int, what: str) -> str:
 
 
 def needless(figures: Figures) -> list[Start]:
-    return [start for start in figures.starts() if start.cause == UNKNOWN]
+    return [start for start in figures.starts() if start.cause in NO_REASON]
 
 
 def wrong(figures: Figures) -> list[str]:
@@ -140,7 +140,7 @@ def bad_updates(figures: Figures) -> str:
         down = [f.down for f in fates if (f.bad, f.outcome) == (bad, outcome)]
         rows.append([bad, outcome, count, sum(not seconds for seconds in down), f"{max(down):.1f} s"])
     return table(
-        ("bad update", "what became of it", "number", "good edition ran on", "longest without an answer"), rows
+        ("bad update", "what became of it", "number", "no time without an answer", "longest time without"), rows
     )
 
 
