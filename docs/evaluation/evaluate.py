@@ -241,7 +241,7 @@ def of_programs() -> dict[str, Any]:
         "hour": {what: mean(row[what] for row in rows) for what in rows[0]},
         "first": rows[0],
         "states": states,
-        "idle use": idle_parts(catalog, asked, workload) | {"subscribers that stay": staying(catalog, asked, workload)},
+        "idle use": {programmed.STAY: staying(catalog, asked, workload)} | idle_parts(catalog, asked, workload),
         "waits": waits(rorg for _, rorg in pairs),
     }
 
@@ -315,7 +315,7 @@ def headline_table(found: Mapping[str, Any]) -> str:
             "| simulated hour, synthetic |",
             f"| wait for a greeting, median | none | {waiting['greeting']['median']:.1f} s | {kind} |",
             f"| wait for a tour, median | none | {waiting['tour']['median']:.1f} s | {kind} |",
-            programmed.headline_row(found),
+            *programmed.headline_rows(found),
             *emulated.headline_rows(),
             "| on a robot | not known | not known | we have no robot |",
         ]

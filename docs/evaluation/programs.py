@@ -14,10 +14,11 @@ import argparse
 import json
 import os
 import shutil
+import signal
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
 from graphlib import TopologicalSorter
@@ -195,7 +196,7 @@ def problems(state: str, found: Mapping[str, Any]) -> list[str]:
     return [f"{state}: {one}" for one in why]
 
 
-def rounds(host: str, say: Any) -> Iterator[dict[str, Any]]:
+def rounds(host: str, say: Callable[[str], None]) -> Generator[dict[str, Any], None, None]:
     """Measures one round after the other."""
     robot = Robot()
     try:
@@ -248,8 +249,9 @@ def main() -> None:
 
     found = list[dict[str, Any]]()
     now = machine()
-    with engine() as host:
-        for one in rounds(host, say):
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that nothing is left behind
+    with engine() as host, closing(rounds(host, say)) as results:
+        for one in results:
             if one["invalid"] and not options.anyway:
                 sys.exit(f"programs.py: cannot report this round: {'; '.join(one['invalid'])}")
             found.append(one)
