@@ -1,7 +1,8 @@
 """Mutation testing of rorg/core: each small change of it should make a test fail. `make mutants` runs this.
 
 Arguments are names of mutants to run again, such as gates.py:54.1. MUTANTS_FILE=gates.py,idle.py takes only these
-files, MUTANTS_EVERY=10 every tenth mutant. Mutants in equivalent.yaml are only run by name.
+files. MUTANTS_EVERY=10 takes every tenth mutant; with MUTANTS_FROM=5 these are numbers 5, 15 and so on, counted from 0.
+Mutants in equivalent.yaml are only run by name.
 """
 
 from __future__ import annotations
@@ -124,7 +125,8 @@ def chosen(mutants: Sequence[Mutant], names: Sequence[str]) -> list[Mutant]:
     """The mutants that arguments and environment ask for."""
     files = [f for f in os.environ.get("MUTANTS_FILE", "").split(",") if f]
     some = [m for m in mutants if m.name in names] if names else [m for m in mutants if not files or m.file in files]
-    return some if names else some[:: int(os.environ.get("MUTANTS_EVERY") or 1)]
+    first, every = (int(os.environ.get(f"MUTANTS_{name}") or default) for name, default in (("FROM", 0), ("EVERY", 1)))
+    return some if names else some[first::every]
 
 
 def say(text: str) -> None:
