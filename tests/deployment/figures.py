@@ -98,7 +98,8 @@ class Figures:
     def __init__(self, record: Mapping[str, Any], guide: Guide) -> None:
         self.record, self.guide = record, guide
         self.events = [Played(at, Kind(k), s, Bad(b), state, o) for at, k, s, b, state, o in record["events"]]
-        self.end = max(rows[-1][0] for rows in (record["events"], record["answers"], record["samples"]) if rows)
+        times = (record[name] for name in ("events", "asked", "answers", "samples"))
+        self.end = max(rows[-1][0] for rows in times if rows)
         self.said: dict[str, list[tuple[float, str]]] = defaultdict(list)
         for at, service, answer in record["answers"]:
             self.said[service].append((at, answer))
@@ -184,8 +185,8 @@ class Figures:
             yield Request(state, begin, end, None if late else max(one - begin for one in ready if one is not None))
 
     def _first_answer(self, name: str, begin: float, end: float) -> float | None:
-        since = next(span for span in self.asked[name] if span[0] <= begin < span[1])
-        for at, until, said in self.answers(name, *since):
+        since = next((span for span in self.asked[name] if span[0] <= begin < span[1]), None)
+        for at, until, said in self.answers(name, *since) if since else ():
             if said and until > begin and at < end:
                 return max(at, begin)
         return None

@@ -155,6 +155,9 @@ class Player:
         self.auditor.stop()
         self.rorg.stop(kill=True)
         self.rorg.closed = True
+        wait(self.restarts, 120)
+        for listed in self.api.containers(all=True):  # by the engine: those that are paused outlive it, and a SIGKILL
+            self.api.remove_container(listed["Id"], force=True)
         self.engine.close()
         self.remote.close()
         os.killpg(self.git.pid, 15)
