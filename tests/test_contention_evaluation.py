@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 from conftest import ROOT, wait_for
 
-sys.path[:0] = [str(ROOT / "docs/evaluation"), str(ROOT / "tests/programs")]
+sys.path.insert(0, str(ROOT / "docs/evaluation"))
+sys.path.insert(0, str(ROOT / "tests/programs"))
 import contended
 import contention
 import contention_robot

@@ -272,7 +272,8 @@ def figures() -> dict[str, Any]:
             "policies": of_policies(catalog, hour, workload),
         }
     )
-    found["programs"] = rounded(of_programs())
+    if programmed.FILE.exists():
+        found["programs"] = rounded(of_programs())
     return found
 
 
