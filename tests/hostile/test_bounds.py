@@ -8,6 +8,7 @@ import threading
 
 import pytest
 from conftest import wait_for
+from http_message import read_message
 from robots import RealRobot
 
 from rorg.client import Error, Forbidden
@@ -42,8 +43,10 @@ class Open:
         return self
 
     def status(self) -> int:
-        """Of one answer; its body is no longer than what comes with it."""
-        return int(self.socket.recv(1 << 16).split(b" ")[1])
+        """Of one answer."""
+        answer = read_message(self.socket)
+        assert answer is not None, "the server has hung up"
+        return int(answer[0].split(b" ")[1])
 
     def ends(self) -> bool:
         try:
