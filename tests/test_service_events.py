@@ -222,7 +222,8 @@ def test_a_service_of_another_machine_is_lost_when_it_is_not_ready_or_not_known(
 
     def with_peers(peers: Peers) -> Decision:
         memory = replace(decision.memory, progress={})
-        return replace(decision, memory=memory, situation=replace(decision.situation, peers=peers))
+        planned = replace(decision.planned, situation=replace(decision.situation, peers=peers))
+        return replace(decision, memory=memory, planned=planned)
 
     there = Remote("running", True, True, "Healthy", "Synced", run)
     assert ready_runs(with_peers(Peers("head", remotes={"base": there}))) == {"base": run}
@@ -245,5 +246,7 @@ def test_a_state_is_ready_only_while_it_runs_and_is_ready(robot):
     progress = replace(decision.memory.of("base"), ready=False)
     waits = replace(decision, memory=replace(decision.memory, progress={"base": progress}))
     paused = replace(decision.situation.observed, containers=(replace(robot.container("base"), state="paused"),))
-    asleep = replace(decision, situation=replace(decision.situation, observed=paused))
+    asleep = replace(
+        decision, planned=replace(decision.planned, situation=replace(decision.situation, observed=paused))
+    )
     assert [state_of(one, "base") for one in (decision, waits, asleep)] == [READY, "running", "paused"]
