@@ -82,3 +82,43 @@ def test_a_restart_of_docker_does_not_undo_a_change(tmp_path, dockerd):
 def running(robot: RealRobot) -> str:
     """The digest of what the container that runs was made from."""
     return next((c.digest for c in robot.engine.list() if c.state == "running"), "")
+
+
+@pytest.mark.parametrize(
+    ("restart", "code", "again"),
+    [("never", 0, 0), ("never", 1, 0), ("on-failure", 0, 0), ("on-failure", 1, 1), ("always", 0, 1)],
+)
+def test_what_ends_for_good_during_an_outage_is_not_run_again(tmp_path, restart, code, again):
+    """A program that moves the arm once must not move it twice because Docker was away."""
+    virtual = VirtualRobot(tmp_path)
+    virtual.declare({"homing": {"always_on": True, "restart": restart}})
+    virtual.settle()
+    later(virtual, 60)
+    virtual.sim.faults.unreachable = True
+    later(virtual, 5)
+    virtual.sim.engine.kill(virtual.sim.engine.list()[0].id, code)
+    virtual.sim.faults.unreachable = False
+    later(virtual, 60)
+    assert starts(virtual, "homing") == 1 + again
+
+
+@pytest.mark.parametrize(("restart", "again"), [("never", 0), ("on-failure", 1), ("always", 1)])
+def test_a_change_that_failed_before_an_outage_is_tried_again_only_if_it_restarts(tmp_path, restart, again):
+    virtual = VirtualRobot(tmp_path)
+    task = {"restart": restart, "update": {"bake": "2m"}}
+    virtual.declare({"homing": {**task, "always_on": True, "container": {"environment": OLD}}})
+    virtual.settle()
+    virtual.declare({"homing": {**task, "always_on": True, "container": {"environment": NEW}}})
+    digest = virtual.sim.desired.digests["homing"]
+    virtual.wait(lambda: runs(virtual) == digest)
+    virtual.kill("homing")
+    later(virtual, 3)
+    virtual.sim.faults.unreachable = True
+    later(virtual, 10)
+    virtual.sim.faults.unreachable = False
+    later(virtual, 60)
+    assert (runs(virtual) == digest) == bool(again)
+
+
+def starts(virtual: VirtualRobot, name: str) -> int:
+    return sum(verb == "start" and service == name for _, verb, service in virtual.sim.engine.calls)

@@ -18,7 +18,7 @@ import signal
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
 from graphlib import TopologicalSorter
@@ -35,6 +35,7 @@ import docker
 from debian_images import bring, bring_ros2
 from dockerd import Dockerd
 
+from rorg.core.observed import Container
 from rorg.daemon.tree import Tree
 from rorg.history.durations import learned_workload
 from rorg.history.journal import ALL, Filter
@@ -125,7 +126,7 @@ def mapped_files(container: str) -> int:
     the number of processes that share it."""
     places = (CGROUPS / folder / container / "cgroup.procs" for folder in ("memory/docker", "docker"))
     kib = 0
-    for pid in next(place for place in places if place.exists()).read_text().split():
+    for pid in next((place.read_text().split() for place in places if place.exists()), []):
         with suppress(OSError):  # it has ended
             rows = (line.split() for line in Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines())
             kib += sum(int(row[1]) for row in rows if row[0] in ("Pss_File:", "Pss_Shmem:"))
@@ -164,9 +165,10 @@ def window(robot: Robot, state: str, host: str) -> dict[str, Any]:
 
 def measured(robot: Robot, visitor: int | None) -> dict[str, Any]:
     time.sleep(SETTLE)
-    before, (busy, others, began) = robot.usage(), _machine(visitor)
+    runs, before, (busy, others, began) = robot.containers(), robot.usage(), _machine(visitor)
     time.sleep(WINDOW)
     after, (busy_now, others_now, now) = robot.usage(), _machine(visitor)
+    _check_alive(runs, robot.containers())
     files = {c.service: mapped_files(c.id) for c in robot.containers()}
     seconds = now - began
     services = {
@@ -180,6 +182,14 @@ def measured(robot: Robot, visitor: int | None) -> dict[str, Any]:
     used = (busy_now - busy) / seconds
     other = used - (others_now - others) / seconds - sum(s["cpu"] for s in services.values())
     return {"used": round(used, 3), "other": round(max(0.0, other), 3), "services": services}
+
+
+def _check_alive(before: Iterable[Container], now: Iterable[Container]) -> None:
+    """Ends the measurement if a program has ended meanwhile."""
+    runs = {c.incarnation for c in before if c.alive}
+    ended = [f"{c.service} (exit code {c.exit_code})" for c in now if not (c.alive and c.incarnation in runs)]
+    if ended:
+        sys.exit(f"programs.py: cannot measure: ended meanwhile: {', '.join(ended)}; try it again")
 
 
 def _machine(visitor: int | None) -> tuple[float, float, float]:

@@ -107,7 +107,7 @@ class _Assessment:
         inputs = self.inputs
         if not inputs.observed.complete:
             memory = replace(self.memory, outage=None if self.memory.outage is None else True)
-            self.memory = renew_all(pardoned(memory, inputs.now), self.desired, inputs.now)
+            self.memory = renew_all(pardoned(memory, self.desired, inputs.now), self.desired, inputs.now)
             return None
         facts = Facts(
             memory=self.memory,

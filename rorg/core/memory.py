@@ -178,7 +178,7 @@ class Progress:
         return (
             container.state == "exited"
             and self.exited == container.incarnation
-            and (service.restart == "never" or (service.restart == "on-failure" and container.exit_code == 0))
+            and not service.restarts_after(container.exit_code)
         )
 
     def attempt(self, operation: Operation | type[Operation]) -> Attempt | None:

@@ -238,10 +238,15 @@ def retried(memory: Memory, asked: Mapping[str, str]) -> Memory:
     return replace(memory, progress={**memory.progress, **progress}) if progress else memory
 
 
-def pardoned(memory: Memory, now: float) -> Memory:
+def pardoned(memory: Memory, desired: Desired, now: float) -> Memory:
     """Let changes be tried again that failed right before the engine stopped answering: their programs may have ended
-    with it."""
-    progress = {name: _pardoned(step) for name, step in memory.progress.items() if now - step.update.failed_at <= GOING}
+    with it. A program that ends for good is not run again."""
+    services = desired.catalog.services
+    progress = {
+        name: _pardoned(step)
+        for name, step in memory.progress.items()
+        if now - step.update.failed_at <= GOING and name in services and services[name].restart != "never"
+    }
     return replace(memory, progress={**memory.progress, **progress}) if progress else memory
 
 

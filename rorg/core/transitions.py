@@ -65,7 +65,7 @@ def advanced(progress: Progress, service: Service, evidence: Evidence) -> Progre
     progress = _doubt(progress, service, None if evidence.busy else current, now)
     if evidence.wanted and not evidence.busy:
         progress = _ended_with_another(progress, service, evidence)
-        progress = _exit(_excused(progress, current) if evidence.outage else progress, current, now, evidence.booted_at)
+        progress = _exit(_excused(progress, service, current, evidence), current, now, evidence.booted_at)
     progress = _ready(progress, service, evidence.ready, now)
     progress = _live(progress, service, evidence.live, now) if evidence.wanted and not evidence.busy else progress
     progress = _relied_on(progress, service, evidence.wanted, now)
@@ -172,10 +172,12 @@ def _ended_with_another(progress: Progress, service: Service, evidence: Evidence
     return progress
 
 
-def _excused(progress: Progress, current: Container | None) -> Progress:
-    """Blame no program for an end while the engine did not answer: a restart of Docker ends all of them."""
-    ended = current is not None and current.ended and current.incarnation == progress.incarnation
-    return progress.with_stopped(progress.incarnation) if ended else progress
+def _excused(progress: Progress, service: Service, current: Container | None, evidence: Evidence) -> Progress:
+    """Blame no program for an end while the engine did not answer: a restart of Docker ends all of them. But what ends
+    for good is over, whatever ended it: it must not run twice."""
+    if not evidence.outage or current is None or not current.ended or current.incarnation != progress.incarnation:
+        return progress
+    return progress.with_stopped(current.incarnation) if service.restarts_after(current.exit_code) else progress
 
 
 def _exit(progress: Progress, current: Container | None, now: float, booted_at: str) -> Progress:

@@ -186,6 +186,10 @@ class Service:
     def container_name(self) -> str:
         return str((self.spec or {}).get("container_name", self.name))
 
+    def restarts_after(self, exit_code: int | None) -> bool:
+        """Whether a run follows one that ended with this exit code."""
+        return self.restart == "always" or (self.restart == "on-failure" and exit_code != 0)
+
     @property
     def calls(self) -> bool:
         """Whether it has a socket of rorg."""

@@ -16,8 +16,8 @@ class Demand:
 
 
 def granted(demands: Mapping[str, Demand], cores: float) -> dict[str, float]:
-    """The cores that each program gets. Nobody gets more than it wants; what one does not want, the others divide by
-    their shares (weighted max-min fairness), so nothing is left over while a program wants more."""
+    """The cores that each program gets (weighted max-min fairness). None gets more than it wants. Those that want more
+    divide the rest by their shares, so nothing is left over while a program wants more."""
     if sum([one.cores for one in demands.values()]) <= cores:
         return {name: one.cores for name, one in demands.items()}
     found, left, shares = dict[str, float](), cores, sum([one.shares for one in demands.values()])
