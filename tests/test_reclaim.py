@@ -7,6 +7,7 @@ import re
 import subprocess
 
 import pytest
+from conftest import wait_for
 
 from rorg.host.cgroups import has_swap
 
@@ -36,7 +37,10 @@ def swap(tmp_path):
     ):
         pytest.skip("no swap space can be made here")
     yield
-    subprocess.run(["swapoff", path], check=True)
+    # It is refused while other tests hold so much memory that theirs might not come back.
+    wait_for(
+        lambda: subprocess.run(["swapoff", path], capture_output=True).returncode == 0, 120, "swap to be given back"
+    )
 
 
 def test_a_paused_service_gives_its_memory_back_and_comes_back_whole(docker_robot, swap):
