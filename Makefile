@@ -116,7 +116,7 @@ evaluation: $(VENV)/test-installed
 	$(BIN)/python docs/evaluation/evaluate.py
 	$(BIN)/python docs/evaluation/prewarm.py
 
-# How responsive a robot is on a machine with too little CPU, in four ways: docs/evaluation/contention.json, for which
+# How responsive a robot is on a machine with too little CPU, in five ways: docs/evaluation/contention.json, for which
 # `make evaluation` draws tables. As root, on a machine that does nothing else, half an hour for each demand. COMPOSE
 # names a binary of Docker Compose 2. ARGS="--rounds 1 --seconds 10 --save /tmp/try.json --anyway" tries it in minutes.
 contention: $(VENV)/test-installed

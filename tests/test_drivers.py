@@ -17,10 +17,11 @@ from rorg.host.devices import DeviceWatch, elsewhere, look
 from rorg.manifest.driver import Driver, options_of
 from rorg.manifest.load import load, load_or_raise
 from rorg.manifest.validation.machine import check_machine
-from rorg.model.catalog import Catalog, Group, Idle, Probe, Service
+from rorg.model.catalog import Catalog, Group, Idle, Service
 from rorg.model.devices import Device, Plugged
 from rorg.model.former import Former, Kept
 from rorg.model.machine import Machine as Facts
+from rorg.model.probe import Probe
 from rorg.store.last_good import read_kept, write_kept
 
 root_only = pytest.mark.skipif(os.geteuid() != 0, reason="only root makes device nodes")

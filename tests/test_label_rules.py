@@ -21,7 +21,8 @@ from rorg.core.digest import (
     unreadable,
 )
 from rorg.core.observed import LABEL_DECLARED, LABEL_RULES, LABEL_SERVICE, Container
-from rorg.model.catalog import Probe, Spec
+from rorg.model.catalog import Spec
+from rorg.model.probe import Probe
 
 SPEC: Spec = {"image": "x", "command": "run", "environment": {"KEY": "swordfish"}, "mem_limit": 100}
 LOCK = Probe("tcp", "base:80", interval=0.5)

@@ -18,8 +18,9 @@ from rorg.core.plan import Action
 from rorg.core.situation import Measures, MissingImage, Situation
 from rorg.core.update import Update
 from rorg.core.wanted import Cause
-from rorg.model.catalog import Catalog, Idle, Probe, Service, Updating
+from rorg.model.catalog import Catalog, Idle, Service, Updating
 from rorg.model.policy import Policy, Thresholds
+from rorg.model.probe import Probe
 
 NOW, EARLIER = 100.0, 90.0
 STARTED, LATER = "2026-01-01T12:00:00Z", "2026-01-01T13:00:00Z"

@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 import pytest
 from commands import rorg
 from conftest import ROOT, wait_for
+from rorg_client import Client
 from rorg_process import RorgProcess
 
 from rorg.history.database import Database
@@ -40,13 +41,19 @@ def robot(tmp_path_factory):
     wait_for(lambda: client.status()["services"]["broken"]["crashes"] > 0, 30, "a crash")
     wait_for(lambda: client.status()["services"]["tour"]["health"] == "Healthy", 30, "the tour")
     client.release("visitor")
-    wait_for(lambda: client.status()["services"]["tour"]["state"] == "exited", 30, "the tour to end")
+    wait_for(lambda: told_last(client, "tour") == "exited", 30, "the journal to tell that the tour ended")
+    wait_for(lambda: told_last(client, "navigation") == "paused", 30, "the journal to tell that navigation rests")
     database = Database(made.state / "journal.db", lambda: "")
     used = [Measured(MACHINE, "", 60.0, 90.0, 2 << 30), Measured("navigation", "r", 30.0, 30.0, 1 << 30)]
     UsageTable(database).note(stamp(time.time() - 600), used)
     database.close()
     yield made
     made.close()
+
+
+def told_last(client: Client, service: str) -> str:
+    """The last state that the journal, which a picture is drawn from, tells of a service."""
+    return client.call("GET", f"/v1/timeline/{service}")["spans"][-1]["state"]
 
 
 def texts(path: Path) -> set[str]:

@@ -19,9 +19,10 @@ from rorg.core.operations import Start
 from rorg.core.plan import Action
 from rorg.core.prewarm import FAILED, HOLD, Prewarmed, harmless, prewarm
 from rorg.core.update import Update
-from rorg.model.catalog import DEVELOPER, Catalog, Idle, Probe, Request, Service
+from rorg.model.catalog import DEVELOPER, Catalog, Idle, Request, Service
 from rorg.model.learned import Departure, Learned
 from rorg.model.policy import Budget, Policy
+from rorg.model.probe import Probe
 
 ASKED, DUE = 10.0, 67.0
 """When `ears` was requested; a start takes 2 s, and rorg predicts every second, so `wheels` is due 3 s before 70."""

@@ -20,8 +20,8 @@ from rorg.core.schedule import Target
 from rorg.engines.process.engine import ProcessEngine
 from rorg.errors import Unreachable
 from rorg.manifest.load import load
-from rorg.model.catalog import Probe
 from rorg.model.engines import Capabilities
+from rorg.model.probe import Probe
 from rorg.probes.answer import YES, Answer, no
 from rorg.probes.prober import Prober
 from rorg.probes.ros_master import probe as probe_of_ros

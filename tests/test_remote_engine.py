@@ -18,7 +18,7 @@ from rorg.core.observed import LABEL_OWNER, LABEL_SERVICE
 from rorg.daemon.wiring import make_loop
 from rorg.engines.docker.engine import DockerEngine
 from rorg.engines.make import make_engine
-from rorg.model.catalog import Probe
+from rorg.model.probe import Probe
 from rorg.probes.ask import asks_this_machine
 from rorg.store.state_dir import StateDir
 from rorg.tools.sim.engine import SimEngine

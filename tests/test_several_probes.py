@@ -17,8 +17,8 @@ from rorg.core.schedule import Target
 from rorg.core.status import ros_nodes
 from rorg.manifest.effective import effective
 from rorg.manifest.load import load, load_or_raise
-from rorg.model.catalog import Probe
 from rorg.model.former import Kept
+from rorg.model.probe import Probe
 from rorg.probes.answer import YES, no
 from rorg.probes.prober import Prober
 from rorg.store.last_good import read_kept, write_kept

@@ -10,7 +10,7 @@ from rorg.core.schedule import Target
 from rorg.engines.observe import Observer
 from rorg.engines.protocol import Engine, Usage
 from rorg.errors import EngineError
-from rorg.model.catalog import Probe
+from rorg.model.probe import Probe
 from rorg.probes.answer import YES
 from rorg.probes.runner import ProbeRunner
 from rorg.tools.sim.engine import SimEngine

@@ -8,7 +8,8 @@ import pytest
 from robots import write_tree
 
 from rorg.manifest.load import load_or_raise
-from rorg.model.catalog import Catalog, Probe
+from rorg.model.catalog import Catalog
+from rorg.model.probe import Probe
 from rorg.tools.sim.emulate import Share, share_of, stand_ins
 
 SERVICES = {

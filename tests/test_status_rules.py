@@ -19,7 +19,8 @@ from rorg.core.situation import Measures, Situation
 from rorg.core.status import Status, Statuses, ros_nodes
 from rorg.core.update import Update
 from rorg.core.wanted import Cause
-from rorg.model.catalog import Catalog, Probe, Service
+from rorg.model.catalog import Catalog, Service
+from rorg.model.probe import Probe
 
 PROBED = {"ready": {"tcp": 1234, "timeout": "5s"}}
 

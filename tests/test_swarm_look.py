@@ -10,7 +10,7 @@ from rorg.core.observed import LABEL_SERVICE, Container
 from rorg.engines.swarm.body import CONTAINER, service_spec
 from rorg.engines.swarm.look import ENDED, STARTED, Look, read_parked, read_tasks
 from rorg.engines.swarm.managers import NoQuorum, check_quorum
-from rorg.model.catalog import Probe
+from rorg.model.probe import Probe
 from rorg.probes.ask import at
 
 ID = "c0ffee"

@@ -11,7 +11,8 @@ import pytest
 from rorg.core.memory import NONE, Attempt, CountedOn, ProbeResult, Progress
 from rorg.core.observed import Container, Observed
 from rorg.core.transitions import Evidence, advanced, doubt_ends
-from rorg.model.catalog import Probe, Service
+from rorg.model.catalog import Service
+from rorg.model.probe import Probe
 
 BASE = Service("base", spec={"image": "x"})
 PROBED = Service("base", ready=Probe("tcp", 80, timeout=30.0))

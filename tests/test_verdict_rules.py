@@ -26,7 +26,8 @@ from rorg.core.rollout import (
 )
 from rorg.core.transitions import Evidence
 from rorg.core.update import Update
-from rorg.model.catalog import Catalog, Probe, Service, Updating
+from rorg.model.catalog import Catalog, Service, Updating
+from rorg.model.probe import Probe
 
 SPEC = {"image": "x"}
 BASE = Service("base", spec=SPEC)

@@ -24,6 +24,7 @@ WAYS = {
     "shares": "everything on, CPU shares",
     "script": "start-stop script",
     "rorg": "rorg",
+    "rested": "rorg, pauses and CPU shares",
 }
 """Names of the ways to run the robot, as in the file and as readers see them."""
 REQUESTS = (

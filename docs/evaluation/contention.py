@@ -1,5 +1,6 @@
 """Measures how responsive the tour guide is when its programs ask for more CPU than two cores have, if it is run in
-four ways: everything on, the same with CPU shares, by a script with Compose, and by rorg. Writes contention.json.
+five ways: everything on, the same with CPU shares, by a script with Compose, by rorg with the manifests of manifests/,
+and by rorg that pauses instead of stopping and gives the foreground CPU shares. Writes contention.json.
 
 `make contention ARGS="--rounds 5 --demand 3"`, as root, on a machine that does nothing else. It starts a Docker engine
 of its own. COMPOSE names a binary of Docker Compose 2; without it the script uses `docker start` and `docker stop`.
@@ -169,6 +170,7 @@ def measure(way: str, robot: Robot, group: Slice, host: str, tour: Sequence[Stop
             "shares": lambda: AllOn(robot, folder, FAVOUR),
             "script": lambda: Script(robot, folder),
             "rorg": lambda: Rorg(robot, folder, host),
+            "rested": lambda: Rorg(robot, folder, host, FAVOUR),
         }
         one = ways[way]()
         try:

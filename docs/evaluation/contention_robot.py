@@ -1,5 +1,5 @@
-"""The robot of contention.py, its tour, and four ways to run it: everything on, the same with CPU shares, by a script
-with Compose, and by rorg."""
+"""The robot of contention.py, its tour, and five ways to run it: everything on, the same with CPU shares, by a script
+with Compose, by rorg, and by rorg with pauses and CPU shares."""
 
 from __future__ import annotations
 
@@ -31,7 +31,8 @@ CORES = os.cpu_count() or 1
 FOREGROUND = ("control", "guide")
 """Services that this file adds to those of the manifests: a control loop, and what the visitors wait for."""
 FAVOUR = 10240
-"""CPU shares of the foreground in `shares`, where others have 1024: as many times more as rorg gives under pressure."""
+"""CPU shares of the foreground in `shares` and `rested`, where others have 1024: as many times more as rorg gives under
+pressure."""
 START_WORK = 0.25
 """Part of a program's start time (workload.yaml) that is CPU time. The rest is waiting."""
 FIRST_PORT = 21000
@@ -129,7 +130,7 @@ class Robot:
         return {**one, "command": ["python3", "/standin/standin"], "environment": environment, "volumes": volumes}
 
 
-# -- four ways to run it -----------------------------------------------------------------------------------------------
+# -- five ways to run it -----------------------------------------------------------------------------------------------
 
 
 class Compose:
@@ -237,10 +238,12 @@ class Script(AllOn):
 
 class Rorg:
     """The behaviour requests the services of each state. Idle policies, needs and priorities are those of manifests/;
-    rorg has learned a day whose times are different (day.yaml), and may prewarm within a budget of all cores."""
+    rorg has learned a day whose times are different (day.yaml), and may prewarm within a budget of all cores.
 
-    def __init__(self, robot: Robot, folder: Path, host: str) -> None:
-        self.robot = robot
+    `shares`: of the foreground tasks; 0 for the usual ones. With them, idle services are paused, not stopped."""
+
+    def __init__(self, robot: Robot, folder: Path, host: str, shares: int = 0) -> None:
+        self.robot, self.shares = robot, shares
         services = {name: self._manifest(robot.catalog.services[name], folder) for name in robot.all}
         for name in FOREGROUND:
             services[name] = {"always_on": True, "priority": 100, "protected": True, **self._run(name, folder)}
@@ -252,7 +255,7 @@ class Rorg:
         write_learned(StateDir(self.process.state).prepare().path, learn(robot.day.events))
 
     def _manifest(self, one: Service, folder: Path) -> dict[str, Any]:
-        idle = {"action": one.idle.action, "linger": f"{one.idle.linger:g}s"}
+        idle = {"action": "pause" if self.shares else one.idle.action, "linger": f"{one.idle.linger:g}s"}
         ready: dict[str, Any] = {}
         if one.ready and one.ready.kind == "tcp":
             ready = {"ready": {"tcp": self.robot.ports[one.name], "timeout": f"{PATIENCE:g}s"}}
@@ -270,6 +273,8 @@ class Rorg:
 
     def _run(self, name: str, folder: Path) -> dict[str, Any]:
         container = self.robot.container(name, folder)
+        if self.shares and name in FOREGROUND:
+            container["cpu_shares"] = self.shares
         return {"image": container.pop("image"), "command": container.pop("command"), "container": container}
 
     def begin(self) -> frozenset[str]:

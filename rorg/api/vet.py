@@ -20,8 +20,9 @@ from rorg.manifest.profiles import COMMON, built_in_profiles
 from rorg.manifest.service import ServiceSpec
 from rorg.manifest.variables import Variables, fill, read_variables
 from rorg.manifest.yaml_source import read_yaml
-from rorg.model.catalog import Catalog, Probe, Service
+from rorg.model.catalog import Catalog, Service
 from rorg.model.diagnostics import collected
+from rorg.model.probe import Probe
 from rorg.model.run_directory import socket_folder
 
 FIELDS = frozenset(

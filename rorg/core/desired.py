@@ -10,10 +10,11 @@ from typing import Any
 
 from rorg.core.diff import declared_now
 from rorg.core.digest import digest
-from rorg.model.catalog import Catalog, Idle, Probe, Service
+from rorg.model.catalog import Catalog, Idle, Service
 from rorg.model.devices import Device
 from rorg.model.image_names import declared
 from rorg.model.objects import EngineObject, keys_of
+from rorg.model.probe import Probe
 from rorg.model.run_directory import RUN
 
 

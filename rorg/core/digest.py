@@ -28,7 +28,8 @@ from rorg.core.observed import (
     LABEL_SPEC,
     Container,
 )
-from rorg.model.catalog import SHORTEST_SECRET, Probe, Spec
+from rorg.model.catalog import SHORTEST_SECRET, Spec
+from rorg.model.probe import Probe
 
 VERSION = "v1"
 INTERLOCKS = ("tcp", "http", "file")

@@ -14,8 +14,9 @@ from rorg.core.prediction import PredictionState
 from rorg.core.pressure import NONE as CALM
 from rorg.core.pressure import Pressure
 from rorg.core.update import Update
-from rorg.model.catalog import Probe, Request, Service
+from rorg.model.catalog import Request, Service
 from rorg.model.former import Kept
+from rorg.model.probe import Probe
 
 CAP = 60.0
 """Seconds. Kubernetes waits up to five minutes, but on a robot someone is usually waiting next to it."""

@@ -13,7 +13,8 @@ from rorg.core.digest import canonical
 from rorg.core.memory import ProbeResult, Progress
 from rorg.core.observed import Container
 from rorg.core.situation import Situation
-from rorg.model.catalog import Probe, Service
+from rorg.model.catalog import Service
+from rorg.model.probe import Probe
 
 ROLE = "ros-parameters"
 """The role under which setting them is listed among a service's probes."""

@@ -16,8 +16,8 @@ from rorg.core.rollout import bake_ends_at, is_late_at
 from rorg.core.ros_parameters import AGAIN, LONGEST, ROLE, due, probe_of
 from rorg.core.situation import Situation
 from rorg.core.transitions import doubt_ends
-from rorg.model.catalog import Probe
 from rorg.model.codes import PARAMETERS
+from rorg.model.probe import Probe
 
 
 @dataclass(frozen=True, slots=True)

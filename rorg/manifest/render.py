@@ -14,9 +14,10 @@ from rorg.manifest.probes import FORMS, Lifecycle, TopicRate
 from rorg.manifest.profiles import SHIPPED, Merged
 from rorg.manifest.rendered_container import container_of
 from rorg.manifest.ros2 import domain_of
-from rorg.model.catalog import ROS_KINDS, Idle, Probe, Service, Updating
+from rorg.model.catalog import Idle, Service, Updating
 from rorg.model.diagnostics import Diagnostic, Reading
 from rorg.model.policy import Budget, HistoryPolicy, ImagePolicy, NotifyTarget, Policy, Thresholds, Webhook
+from rorg.model.probe import ROS_KINDS, Probe
 from rorg.model.ros import graph_of_domain
 
 ROS_MASTER = "http://localhost:11311"

@@ -12,7 +12,7 @@ from rorg.host.bounded_http import answer, connect
 from rorg.host.clock import process_start
 from rorg.host.container_root import modified
 from rorg.host.deadline import Deadline
-from rorg.model.catalog import Probe
+from rorg.model.probe import Probe
 from rorg.probes import ros_master
 from rorg.probes.answer import YES, Answer, no
 

@@ -13,8 +13,8 @@ from rorg.core.schedule import Target
 from rorg.engines.protocol import Inspection
 from rorg.errors import RorgError
 from rorg.manifest.patterns import compiled
-from rorg.model.catalog import Probe
 from rorg.model.engines import Capabilities
+from rorg.model.probe import Probe
 from rorg.model.ros import domain_of
 from rorg.model.units import parse_time
 from rorg.probes.answer import YES, Answer, cannot_ask, no

@@ -25,7 +25,8 @@ from rorg.engines.process.log import PIECE, read_lines, read_log_from
 from rorg.errors import EngineError
 from rorg.host.git_process import ask_git
 from rorg.images.docker import import_stream
-from rorg.model.catalog import Image, Probe
+from rorg.model.catalog import Image
+from rorg.model.probe import Probe
 from rorg.probes.answer import YES
 from rorg.probes.ask import ask_host
 from rorg.probes.ros_state import read_state

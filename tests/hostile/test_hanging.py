@@ -15,7 +15,7 @@ from robots import Daemon, write_tree
 
 from rorg.client import Client
 from rorg.core.schedule import Target
-from rorg.model.catalog import Probe
+from rorg.model.probe import Probe
 from rorg.probes.answer import YES, no
 from rorg.probes.prober import MOST, SHARE, WORKERS, Prober
 

@@ -14,7 +14,7 @@ from robots import BASE_IMAGE, WORK, RealRobot, write_tree
 from rorg.core.digest import Rules, canonical, labels, unreadable
 from rorg.core.observed import LABEL_DECLARED, LABEL_OWNER, LABEL_RULES, LABEL_SERVICE, Container, from_labels
 from rorg.manifest.load import load_or_raise
-from rorg.model.catalog import Probe
+from rorg.model.probe import Probe
 from rorg.tools.sim.robot import SimRobot
 
 SERVICES = {

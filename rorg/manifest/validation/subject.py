@@ -11,9 +11,10 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 from rorg.manifest.documents import Source
-from rorg.model.catalog import ROS_KINDS, Probe, Service
+from rorg.model.catalog import Service
 from rorg.model.diagnostics import Where
 from rorg.model.ports import Published, parse_ports
+from rorg.model.probe import ROS_KINDS, Probe
 from rorg.model.ros import MASTERS, PROGRAMS, declares_ros2, without_master
 from rorg.model.volumes import Mount, mounted_at, read_mount
 

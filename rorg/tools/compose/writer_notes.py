@@ -5,9 +5,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from rorg.model.catalog import DEVELOPER, Catalog, Idle, Probe, Service, Updating
+from rorg.model.catalog import DEVELOPER, Catalog, Idle, Service, Updating
 from rorg.model.graph import parents_first, stands_on
 from rorg.model.image_names import declared, stem
+from rorg.model.probe import Probe
 from rorg.model.units import format_duration, format_memory
 from rorg.tools.compose.writer_images import is_directory
 from rorg.tools.compose.writer_profiles import profiles

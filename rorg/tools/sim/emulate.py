@@ -9,7 +9,8 @@ from pathlib import Path
 
 from rorg.daemon.tree import Tree
 from rorg.errors import Invalid
-from rorg.model.catalog import Catalog, Image, Probe, Service, Updating
+from rorg.model.catalog import Catalog, Image, Service, Updating
+from rorg.model.probe import Probe
 from rorg.model.trace import Trace
 from rorg.tools.sim.player import EmulatedRun, Player
 from rorg.tools.sim.simulate import everything
