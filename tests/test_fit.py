@@ -88,7 +88,7 @@ class Programs:
     """What runs, and what it has used, as an engine says it."""
 
     def __init__(self, database: Database) -> None:
-        self.now, self.used, self.there, self.asked = 0.0, 0.0, list[tuple[Container, float]](), 0
+        self.now, self.used, self.there, self.asked = 0.0, 0.0, list[tuple[Container, float | None]](), 0
         self.table = UsageTable(database)
         self.recorder = UsageRecorder(self.table, lambda: self.there, self.usage, lambda: self.now, self.wall)
 
@@ -118,6 +118,9 @@ def test_what_is_paused_does_not_count(programs):
     programs.recorder.look()
     programs.now, programs.used = 140.0, 40.0
     programs.recorder.look("camera")  # before it is paused
+    programs.there = [(programs.there[0][0], None)]
+    programs.now = 180.0
+    programs.recorder.look()  # while it is paused
     programs.there = [(programs.there[0][0], 1000.0)]
     programs.now, programs.used = 1020.0, 50.0
     programs.recorder.look()
@@ -193,8 +196,8 @@ def test_a_real_robot_measures_and_writes(request, tmp_path):
     robot.request("busy")
     robot.wait(lambda: robot.active() == {"busy"})
     recorder = next(t for t in robot.loop.threads if isinstance(t, UsageRecorder))
-    robot.wait(lambda: recorder.running() and robot.loop.running.use()["busy"][0] > 0.5)
-    used, since = robot.loop.running.use()["busy"][0], recorder.running()[0][1]
+    robot.wait(lambda: recorder.alive() and robot.loop.running.use()["busy"][0] > 0.5)
+    used, since = robot.loop.running.use()["busy"][0], recorder.alive()[0][1]
     recorder.clock = lambda: since + 100.0
     robot.release()
     robot.wait(lambda: not robot.active())

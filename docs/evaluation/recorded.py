@@ -25,7 +25,7 @@ from recorded_run import Recorded, record
 
 from rorg.host.load import machine
 from rorg.model.learned import Learned
-from rorg.model.workload import Distribution, Workload
+from rorg.model.workload import Behaviour, Distribution, Workload
 from rorg.tools.sim.emulation import agreement
 from rorg.tools.sim.results import RunResult
 from rorg.tools.sim.simulate import simulate
@@ -81,8 +81,11 @@ def robot_figures(run: Recorded) -> dict[str, Any]:
 
 def busy_figures(run: Recorded, alone: Recorded) -> dict[str, Any]:
     """A day on which the CPU was short beside its simulations, with and without a limit of cores. They know the times
-    of a day on which nothing else ran, and that a loader takes one core while it comes up."""
+    of a day on which nothing else ran, that a loader takes one core while it comes up, and that a burner, the same
+    program with the same `memory:`, has as much."""
     services = {name: replace(alone.workload.of(name), cpu=None, cpu_start=Distribution((1.0,))) for name in LOADERS}
+    burner = Behaviour(memory=alone.workload.of("small").memory)
+    services |= {name: burner for name in run.catalog.services if name.startswith("burner")}
     workload = replace(alone.workload, services=services)
     return {
         "other_cpu": round(run.conditions.other, 4),

@@ -201,8 +201,15 @@ class Observed:
         changed = {c.service for c in (*went, *came) if c.service}
         if self._by_service is None:
             by_service, gone = {**before.by_service()}, set(map(id, went))
-            there = [c for name in changed for c in by_service.pop(name, ()) if id(c) not in gone]
-            object.__setattr__(self, "_by_service", by_service | _sorted([*there, *came]))
+            there = [c for name in changed for c in by_service.get(name, ()) if id(c) not in gone]
+            by_service |= (found := _sorted([*there, *came]))
+            for name in changed - found.keys():
+                by_service.pop(name, None)
+            object.__setattr__(self, "_by_service", by_service)
+            if before._undeclared is not None:
+                declared, undeclared = before._undeclared
+                here = {n for n in changed if n in self.by_service() and n not in declared}
+                object.__setattr__(self, "_undeclared", (declared, (undeclared - changed) | here))
         return changed | moved
 
 

@@ -169,10 +169,11 @@ def _unknown(
     """Return containers of unknown trees that a request names."""
     if catalog.policy.removals == "auto":
         return {}
+    there, named = observed.by_service(), {name for request in requests for name in request.services}
     return {
-        name: why
-        for name in observed.undeclared(catalog.services)
-        if name not in former and name not in confirmed and (why := _asked(name, requests))
+        name: _asked(name, requests)
+        for name in sorted(named - catalog.services.keys())
+        if name in there and name not in former and name not in confirmed
     }
 
 

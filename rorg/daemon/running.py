@@ -54,16 +54,12 @@ class Running:
                 totals[container.service] = cpu + used.cpu, memory + used.memory
         return totals
 
-    def running(self) -> list[tuple[Container, float]]:
-        """Containers that run, each with the time since when, by the loop's clock."""
-        containers = [
-            (c, self.memory.of(c.service)) for c in self.observer.snapshot().containers if c.state == "running"
-        ]
-        return [
-            (c, step.running_since)
-            for c, step in containers
-            if step.running_since is not None and step.incarnation == c.incarnation
-        ]
+    def alive(self) -> list[tuple[Container, float | None]]:
+        """Containers that have not ended, each with the time since when it runs, by the loop's clock; None while it
+        is paused, or if that is not known yet."""
+        containers = [(c, self.memory.of(c.service)) for c in self.observer.snapshot().containers if c.alive]
+        runs = ((c, step, c.state == "running" and step.incarnation == c.incarnation) for c, step in containers)
+        return [(c, step.running_since if known else None) for c, step, known in runs]
 
     def paused(self, name: str) -> None:
         """A service was just paused: push its memory out to swap, if its manifest says so."""

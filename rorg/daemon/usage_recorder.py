@@ -15,12 +15,12 @@ EVERY = 60.0
 """Seconds between two looks at all."""
 LEAST = 0.5
 """Seconds below which nothing is concluded: a run that has just been noticed used CPU before that."""
-Running = Sequence[tuple[Container, float]]
-"""Containers that run, each with the time since when, by the clock."""
+Alive = Sequence[tuple[Container, float | None]]
+"""Containers that have not ended, each with the time since when it runs, by the clock; None while it is paused."""
 
 
 class UsageRecorder:
-    """Works in a thread of its own. `running` returns what runs now, `usage` what it has used since it began; the
+    """Works in a thread of its own. `alive` returns what has not ended, `usage` what that has used since it began; the
     engine is not asked while nothing runs. `machine`: CPU seconds and bytes of the machine; None if the engine is on
     another one. `began` is the time of day (ISO 8601) at which this rorg began: older runs are measured only from the
     first look on. `clock` gives seconds, `wall` the time of day."""
@@ -28,13 +28,13 @@ class UsageRecorder:
     def __init__(
         self,
         table: UsageTable,
-        running: Callable[[], Running],
+        alive: Callable[[], Alive],
         usage: Callable[[Sequence[Container]], Mapping[str, Usage]],
         clock: Callable[[], float],
         wall: Callable[[], str],
         machine: Callable[[], Mapping[str, float]] | None = None,
     ) -> None:
-        self.table, self.running, self.usage, self.clock, self.wall = table, running, usage, clock, wall
+        self.table, self.alive, self.usage, self.clock, self.wall = table, alive, usage, clock, wall
         self.machine = machine
         self.began = wall()
         self._seen: dict[str, tuple[float, float]] = {}
@@ -58,11 +58,11 @@ class UsageRecorder:
     def look(self, service: str = "") -> None:
         """Measure everything that runs, or one service. If the engine does not answer, the next look asks again."""
         with self._lock, contextlib.suppress(Exception):
-            everything = self.running()
+            everything = self.alive()
             if not service:
                 runs = {c.incarnation for c, _ in everything}
                 self._seen = {run: seen for run, seen in self._seen.items() if run in runs}
-            containers = [(c, since) for c, since in everything if service in ("", c.service)]
+            containers = [(c, at) for c, at in everything if at is not None and service in ("", c.service)]
             usage = self.usage([c for c, _ in containers]) if containers else {}
             now = self.clock()
             measured = [self._one(c, since, now, usage[c.id]) for c, since in containers if c.id in usage]

@@ -133,7 +133,7 @@ def _maintenance(recorder: Recorder, tree: Tree) -> Maintenance:
 
 def _usage_recorder(recorder: Recorder, running: Running, engine: Engine) -> UsageRecorder:
     whole = machine if engine.local else None
-    return UsageRecorder(UsageTable(recorder.history), running.running, engine.usage, time.monotonic, wall_clock, whole)
+    return UsageRecorder(UsageTable(recorder.history), running.alive, engine.usage, time.monotonic, wall_clock, whole)
 
 
 def _notifier(tree: Tree, recorder: Recorder, wakes: Wakes, notifies: bool) -> Notifier:

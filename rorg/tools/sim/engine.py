@@ -273,7 +273,7 @@ class SimEngine:
             changes.put(container)
 
     def _check_name(self, what: str, name: str, own: str = "") -> None:
-        if name in self.foreign or any(c.name == name for c in self.containers.values() if c.id != own):
+        if name in self.foreign or [c for c in self.containers.values() if c.name == name and c.id != own]:
             raise EngineError(what, f"the name {name} is already in use", kind="name_taken")
 
     def _get(self, container: str) -> Container:

@@ -7,7 +7,6 @@ import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
-from operator import attrgetter
 
 from rorg.core.decide import Decision, decide
 from rorg.core.desired import Desired, desire
@@ -37,6 +36,16 @@ CORES, MEMORY = 4.0, 8 << 30
 
 OFTEN = 0.05
 """Seconds between passes while probes may have new answers."""
+
+
+class LookedAt(dict[str, float]):
+    """Every container was looked at now."""
+
+    def __init__(self, now: float) -> None:
+        self.now = now
+
+    def get(self, _container: str, _otherwise: float | None = None) -> float:  # type: ignore[override]
+        return self.now
 
 
 class SimRobot:
@@ -156,8 +165,7 @@ class SimRobot:
         if not self.faults.unreachable:
             self._seen, self._found = tuple(self.engine.list()), self.engine.find_objects(self.desired.keys)
         unanswered = "the engine does not answer" if self.faults.unreachable else ""
-        looked = dict.fromkeys(map(attrgetter("id"), self._seen), self.now)
-        observed = Observed(self._seen, not self.faults.unreachable, unanswered, self._found, looked)
+        observed = Observed(self._seen, not self.faults.unreachable, unanswered, self._found, LookedAt(self.now))
         return Inputs(
             desired=self.desired,
             requests=self.document.requests,
