@@ -12,6 +12,7 @@ from rorg.core.joining import joined_of
 from rorg.core.observed import Container
 from rorg.core.operations import Stop
 from rorg.core.plan import Action
+from rorg.core.rollout import GOING
 from rorg.core.situation import Situation
 from rorg.daemon.snapshot import Snapshots
 from rorg.model.catalog import Catalog, Request, Service
@@ -118,8 +119,8 @@ class Watch:
         """Which rorg decided the pass before."""
         self.unwanted: dict[str, float] = {}
         """Service -> since when it is not wanted."""
-        self.quarantined: set[tuple[str, str]] = set()
-        """(service, edition) that failed, and that nobody asked to try again."""
+        self.quarantined: dict[tuple[str, str], float] = {}
+        """(service, edition) that failed, and that nothing allows to try again -> when."""
         self.stopped: set[str] = set()
         self.to_stop: set[str] = set()
         """Runs that rorg stopped, and those that it began to stop."""
@@ -132,9 +133,9 @@ class Watch:
         """Return a watch with the same evidence on a copy of the robot."""
         other = Watch.__new__(Watch)
         other.__dict__.update(self.__dict__)
-        for name in ("begun", "good", "quarantined", "stopped", "to_stop"):
+        for name in ("begun", "good", "stopped", "to_stop"):
             setattr(other, name, {*getattr(self, name)})
-        for name in ("starts", "baked", "ready", "leased"):
+        for name in ("starts", "baked", "ready", "leased", "quarantined"):
             setattr(other, name, {**getattr(self, name)})
         other.robot, other.snapshots = robot, Snapshots()
         robot.engine.heard = other._called
@@ -206,9 +207,18 @@ class Watch:
     def _note_unwanted(self) -> None:
         wanted = self.robot.decision.situation.wanted
         self.unwanted = {n: self.unwanted.get(n, self.robot.now) for n in self.services if n not in wanted}
-        for name, step in self.robot.memory.progress.items():
-            self.quarantined |= {(name, edition) for edition in step.update.quarantined}
-        self.quarantined -= {q for q in self.quarantined if q[0] in self.robot.decision.retried}
+        self._note_quarantined()
+
+    def _note_quarantined(self) -> None:
+        """A person may have a change tried again, and so may an engine that stops answering right after it failed."""
+        robot, silent = self.robot, not self.robot.read.observed.complete
+        self.quarantined = {
+            (name, edition): at
+            for (name, edition), at in self.quarantined.items()
+            if name not in robot.decision.retried and not (silent and robot.now - at <= GOING)
+        }
+        found = ((name, edition) for name, step in robot.memory.progress.items() for edition in step.update.quarantined)
+        self.quarantined = dict.fromkeys(found, robot.now) | self.quarantined
 
     # -- shorthands for invariants ---------------------------------------------------------------------------------
 
