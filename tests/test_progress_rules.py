@@ -7,7 +7,6 @@ from math import inf
 
 import pytest
 
-from rorg.core.changes import changed_items, changed_keys, differing
 from rorg.core.desired import desire
 from rorg.core.devices import given, nodes_of, replugged, unplugged
 from rorg.core.digest import Rules, labels
@@ -130,31 +129,6 @@ def test_a_run_has_read_what_was_there_when_it_began():
     assert known.changed_content(box(), present) == ("map",)
     assert known.changed_content(box(), {"map": "1"}) == ()
     assert known.changed_content(replace(box(), started_at="later"), present) == ()
-
-
-A, B, C, D = ([n] for n in range(4))
-"""Values that are told apart by identity."""
-
-
-def test_changes_are_found_by_identity():
-    before = {"a": A, "b": B}
-    assert changed_keys(before, before) == changed_keys(before, {**before}) == set()
-    assert changed_keys(before, {"a": A, "b": [1]}) == {"b"}
-    assert changed_keys(before, {"b": B, "a": A}) == set()
-    assert changed_keys(before, {"a": A, "b": C, "c": C}) == {"b", "c"}
-    assert changed_keys(before, {"a": C}) == {"a"}
-    assert differing(before, {"a": A, "b": [1]}) == set()
-    assert differing(before, {"a": C, "c": C}) == {"a", "b", "c"}
-    assert differing({"a": A, "b": B}, {"a": A}) == differing({"a": A}, {"a": A, "b": B}) == {"b"}
-
-
-def test_items_that_only_one_side_has_are_found():
-    assert changed_items([A, B], [A, B]) == ([], [])
-    assert changed_items([A, B], [A, C]) == ([B], [C])
-    assert changed_items([A, B], [A, B, C]) == ([], [C])
-    assert changed_items([A, B, C], [A, B]) == ([C], [])
-    assert changed_items([A, B, C], [B, C]) == ([A], [])
-    assert changed_items([B, C], [A, B, C, D]) == ([], [A, D])
 
 
 # -- devices ---------------------------------------------------------------------------------------------------

@@ -272,8 +272,7 @@ def figures() -> dict[str, Any]:
             "policies": of_policies(catalog, hour, workload),
         }
     )
-    if programmed.FILE.exists():
-        found["programs"] = rounded(of_programs())
+    found["programs"] = rounded(of_programs())
     return found
 
 

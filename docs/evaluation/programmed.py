@@ -23,7 +23,6 @@ HERE = Path(__file__).parent
 ROBOT, FILE = HERE / "programs/robot", HERE / "programs.json"
 TRACE, WORKLOAD = HERE / "programs/hour.yaml", HERE / "programs/workload.yaml"
 IMAGE = "robot-of-programs"
-NOT_YET = "Not measured yet: `make programs`."
 TIMES = ("start", "resume", "stop")
 MB = 1e6
 
@@ -122,8 +121,6 @@ def spread(measured: list[float], size: float, form: str) -> str:
 
 def programs_table(_: Mapping[str, Any]) -> str:
     """For each program: CPU, memory and times."""
-    if not FILE.exists():
-        return NOT_YET
     found = load()
     lines = [
         "| program | CPU idle, % of a core | CPU in use | idle / in use | memory, MB | files, MB | start | resume |",
@@ -152,8 +149,6 @@ def _part(idle: float, used: float) -> str:
 
 def saved_table(figures: Mapping[str, Any]) -> str:
     """What rorg saves on this robot, by state and by what unused programs take."""
-    if "programs" not in figures:
-        return NOT_YET
     of = figures["programs"]
     lines = ["| | everything on | rorg | CPU | memory |", "|---|---|---|---|---|"]
     for name, row in {"the hour": of["hour"], **of["states"]}.items():
@@ -177,8 +172,6 @@ def _saved(row: Mapping[str, float]) -> str:
 
 
 def headline_rows(figures: Mapping[str, Any]) -> list[str]:
-    if "programs" not in figures:
-        return []
     of = figures["programs"]
     row, stay = of["hour"], of["idle use"][STAY]
     saved = f"(CPU {-row['cpu']:.0f} %, memory {-row['memory']:.0f} %)"
@@ -194,5 +187,4 @@ def write() -> None:
     from rorg.manifest.traces import trace_text
 
     TRACE.write_text(trace_text(hour()), encoding="utf-8")
-    if FILE.exists():
-        WORKLOAD.write_text(workload_text(load()), encoding="utf-8")
+    WORKLOAD.write_text(workload_text(load()), encoding="utf-8")

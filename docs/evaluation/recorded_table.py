@@ -76,7 +76,5 @@ def short_table(found: Mapping[str, Any]) -> str:
 
 def table() -> str:
     """Both tables."""
-    if not FILE.exists():
-        return "Not recorded yet: run `make recorded`."
     found = json.loads(FILE.read_text(encoding="utf-8"))
     return f"{robots_table(found)}\n\nThe CPU is short:\n\n{short_table(found)}"

@@ -7,6 +7,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, islice
 
+from rorg.core.changes import updated
 from rorg.core.digest import canonical
 from rorg.core.memory import STALLED_AFTER, Attempt, InFlight, Memory, Progress, delay
 from rorg.core.observed import Container, Observed
@@ -93,7 +94,7 @@ def forget(memory: Memory, names: Iterable[str], busy: Collection[str]) -> Memor
         for name in names
         if (progress := memory.of(name)).attempts and name not in busy and name not in memory.in_flight
     }
-    return replace(memory, progress={**memory.progress, **done}) if done else memory
+    return replace(memory, progress=updated(memory.progress, done)) if done else memory
 
 
 def begin(memory: Memory, actions: Sequence[Action], observed: Observed, now: float) -> Memory:
@@ -103,7 +104,7 @@ def begin(memory: Memory, actions: Sequence[Action], observed: Observed, now: fl
     there = observed.by_service()
     begun = {a.service: _begun(memory.of(a.service), a, there.get(a.service, ())) for a in actions}
     flights = {a.service: InFlight(a, now) for a in actions}
-    return replace(memory, progress={**memory.progress, **begun}, in_flight={**memory.in_flight, **flights})
+    return replace(memory, progress=updated(memory.progress, begun), in_flight={**memory.in_flight, **flights})
 
 
 def _begun(progress: Progress, action: Action, containers: Sequence[Container]) -> Progress:
@@ -125,13 +126,13 @@ def _begun(progress: Progress, action: Action, containers: Sequence[Container]) 
 
 def finish(memory: Memory, outcomes: Iterable[Outcome], now: float) -> Memory:
     """Note the outcomes of actions."""
-    progress, in_flight = {**memory.progress}, {**memory.in_flight}
+    progress, in_flight = dict[str, Progress](), {**memory.in_flight}
     for outcome in outcomes:
         name = outcome.action.service
         in_flight.pop(name, None)
-        step = _finished(progress.get(name, Progress()), outcome, now)
+        step = _finished(progress.get(name) or memory.of(name), outcome, now)
         progress[name] = refused(step, outcome.action, outcome.error, now) if outcome.refused else step
-    return replace(memory, progress=progress, in_flight=in_flight)
+    return replace(memory, progress=updated(memory.progress, progress), in_flight=in_flight)
 
 
 def _finished(progress: Progress, outcome: Outcome, now: float) -> Progress:

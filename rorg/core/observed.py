@@ -200,8 +200,8 @@ class Observed:
         went, came = changed_items(before.containers, self.containers)
         changed = {c.service for c in (*went, *came) if c.service}
         if self._by_service is None:
-            by_service, gone = {**before.by_service()}, set(map(id, went))
-            there = [c for name in changed for c in by_service.get(name, ()) if id(c) not in gone]
+            by_service, gone = {**before.by_service()}, {c.id for c in went}
+            there = [c for name in changed for c in by_service.get(name, ()) if c.id not in gone]
             by_service |= (found := _sorted([*there, *came]))
             for name in changed - found.keys():
                 by_service.pop(name, None)

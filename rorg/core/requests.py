@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 from rorg.core.admission import expected, over_budget
+from rorg.core.changes import updated
 from rorg.core.memory import Due, Lease, Memory
 from rorg.core.observed import Container, Observed
 from rorg.core.wanted import wanted
@@ -77,7 +78,7 @@ def tried_again(memory: Memory, catalog: Catalog, requests: Sequence[Request]) -
         for name in closure(catalog.services, asked)
         if (progress_of := memory.of(name)).exits or progress_of.attempts
     }
-    return replace(memory, progress={**memory.progress, **progress}) if progress else memory
+    return replace(memory, progress=updated(memory.progress, progress)) if progress else memory
 
 
 def settle(
@@ -227,5 +228,6 @@ def note_restarts(
             done[name] = stamp
             del due[name]
     # Who asks for a restart wants it now, without the back-off of earlier failures.
-    progress = {**memory.progress, **{n: memory.of(n).start_forgotten() for n in begun}} if begun else memory.progress
+    eager = {n: memory.of(n).start_forgotten() for n in begun}
+    progress = updated(memory.progress, eager) if eager else memory.progress
     return (memory if due == memory.restarts else replace(memory, restarts=due, progress=progress)), done

@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import inf
 
+from rorg.core.changes import updated
 from rorg.core.desired import Desired
 from rorg.core.diff import difference
 from rorg.core.memory import NO_ANSWER, Memory, ProbeResult, Progress
@@ -235,7 +236,7 @@ def retried(memory: Memory, asked: Mapping[str, str]) -> Memory:
         for name, at in asked.items()
         if (step := memory.of(name)).update.lifted != at
     }
-    return replace(memory, progress={**memory.progress, **progress}) if progress else memory
+    return replace(memory, progress=updated(memory.progress, progress)) if progress else memory
 
 
 def pardoned(memory: Memory, desired: Desired, now: float) -> Memory:
@@ -247,7 +248,7 @@ def pardoned(memory: Memory, desired: Desired, now: float) -> Memory:
         for name, step in memory.progress.items()
         if now - step.update.failed_at <= GOING and name in services and services[name].restart != "never"
     }
-    return replace(memory, progress={**memory.progress, **progress}) if progress else memory
+    return replace(memory, progress=updated(memory.progress, progress)) if progress else memory
 
 
 def _pardoned(progress: Progress) -> Progress:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from math import inf
 
 from rorg.core.atomic import freed, judged_together, sets_of
-from rorg.core.changes import changed_keys
+from rorg.core.changes import changed_keys, updated
 from rorg.core.desired import Desired
 from rorg.core.memory import Memory, ProbeResults, Progress
 from rorg.core.observed import Observed
@@ -69,22 +69,21 @@ def track(kept: Tracked | None, facts: Facts, touched: Collection[str]) -> Track
     if kept and not _comparable(kept.facts, facts, touched):
         kept = None
     names = _to_review(kept, facts, touched) if kept else {*desired.digests, *memory.progress}
-    progress, due = {**memory.progress}, {**kept.due} if kept else dict[str, float]()
-    for name in _gone(facts, names):
-        del progress[name]
-    changed, names = len(progress) != len(memory.progress), names & desired.digests.keys()
+    changes, due = dict[str, Progress](), {**kept.due} if kept else dict[str, float]()
+    gone, names = _gone(facts, names), names & desired.digests.keys()
     for name in names:
         service, last, evidence = desired.catalog.services[name], memory.of(name), facts.evidence(name)
         progress_now = _reviewed(parameters_noted(last, facts.results.get((name, ROLE))), service, desired, evidence)
         if not (unchanged := progress_now is last and name in memory.progress):
-            progress[name], changed = progress_now, True
+            changes[name] = progress_now
         due[name] = _changes_at(progress_now, service, evidence) if unchanged else -inf
         if due[name] == inf:
             del due[name]
-    set_changes = judged_together(sets_of(names, desired), progress, desired, facts.wanted, facts.observed)
-    due |= dict.fromkeys(set_changes, -inf)
-    memory = replace(memory, progress={**progress, **set_changes}) if changed or set_changes else memory
-    memory = memory if memory.outage is False else replace(memory, outage=False)
+    progress = updated(memory.progress, changes, gone) if changes or gone else memory.progress
+    if of_sets := judged_together(sets_of(names, desired), progress, desired, facts.wanted, facts.observed):
+        progress, due = updated(progress, of_sets), due | dict.fromkeys(of_sets, -inf)
+    if progress is not memory.progress or memory.outage is not False:
+        memory = replace(memory, progress=progress, outage=False)
     return Tracked(replace(facts, memory=memory), due)
 
 
@@ -106,7 +105,7 @@ def _comparable(before: Facts, now: Facts, touched: Collection[str]) -> bool:
 def renew_all(memory: Memory, desired: Desired, now: float) -> Memory:
     """Note new editions while the engine does not answer: manifests are known, containers are not."""
     progress = {name: renewed(memory.of(name), edition, now) for name, edition in desired.editions.items()}
-    return replace(memory, progress={**memory.progress, **progress})
+    return replace(memory, progress=updated(memory.progress, progress))
 
 
 def _to_review(kept: Tracked, facts: Facts, touched: Collection[str]) -> set[str]:
