@@ -113,6 +113,8 @@ def _start(view: View, service: Service, step: Step) -> Passage:
             return (), Waiting(name, f"{need} {reason}", _ready_at(view, need))
     left = [n for n, cs in view.exclusive.undeclared.items() if name in rules_of(cs[0].rules).conflicts]
     for other in (*view.desired.conflicts.get(name, ()), *left):
+        if view.s.starting(other):
+            return (), Waiting(name, f"conflicts with {other}, which is being started")
         if view.active(other):
             if not view.has_actions(other):
                 return (), Waiting(name, f"conflicts with {other}, which is active")
@@ -170,7 +172,7 @@ def _cease(view: View, service: Service) -> Passage:
     if not view.active(name) or name not in view.desired.catalog.services:
         return FREE
     for dependant in view.desired.dependants.get(name, ()):
-        if view.starting(dependant):
+        if view.s.starting(dependant):
             return (), Waiting(name, f"not wanted, but {dependant} needs it and is being started")
         if view.active(dependant):
             if not view.has_actions(dependant):

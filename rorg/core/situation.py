@@ -111,6 +111,11 @@ class Situation(Surroundings):
         current = self.observed.current(name)
         return current is not None and current.exit_code == 0 and self.over(name)
 
+    def starting(self, service: str) -> bool:
+        """Return whether a call is under way that makes the service active."""
+        flight = self.memory.in_flight.get(service)
+        return flight is not None and flight.action.operation.begins
+
 
 class Exclusive:
     """Holders of exclusive resources in one situation. `undeclared` are containers of services that no manifest
@@ -156,7 +161,8 @@ class Exclusive:
         return self.desired.catalog.services[name].exclusive[resource]
 
     def alive(self, name: str) -> bool:
-        return any(c.alive for c in self.s.observed.of(name))
+        """Return whether a service holds its resources, or will as soon as a call under way has its effect."""
+        return self.s.starting(name) or any(c.alive for c in self.s.observed.of(name))
 
 
 STEP = 4
@@ -204,11 +210,6 @@ class View:
     def all_containers(self) -> Sequence[Container]:
         self.volatile = True
         return self.s.observed.containers
-
-    def starting(self, service: str) -> bool:
-        """Return whether a call is under way that makes the service active."""
-        flight = self.s.memory.in_flight.get(service)
-        return flight is not None and flight.action.operation.begins
 
     def active(self, service: str) -> bool:
         return any(c.active for c in self.of(service))
