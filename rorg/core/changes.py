@@ -1,5 +1,5 @@
-"""Fast comparison of large collections in which almost every element is the same object as before. Comparing identities
-instead of values keeps a pass over hundreds of unchanged services cheap."""
+"""Fast comparison of large collections in which almost every element is the same object as before, so that a pass over
+hundreds of unchanged services is cheap."""
 
 from __future__ import annotations
 
@@ -11,13 +11,14 @@ from typing import Any, TypeVar
 K = TypeVar("K")
 T = TypeVar("T")
 SLICE = 64
+"""Items that are compared at once."""
 KEPT = 24
 """Steps that a Version keeps: two passes make fewer."""
 
 
 class Version(dict[K, T]):
-    """A mapping that knows by which keys it differs from the versions that it comes from, so that it costs nothing to
-    compare them. Nobody may change it; updated() makes the next version."""
+    """A mapping that knows by which keys it differs from the versions that it comes from, so that comparing them costs
+    no more than what changed. Nobody may change it; updated() makes the next version."""
 
     __slots__ = ("mark", "steps")
     mark: object
@@ -33,9 +34,8 @@ def updated(before: Mapping[K, T], changes: Mapping[K, T], gone: Collection[K] =
         del version[key]
     version.update(changes)
     version.mark = object()
-    known = before.steps if isinstance(before, Version) else ()
-    mark = before.mark if isinstance(before, Version) else None
-    version.steps = (*known[1 - KEPT :], (mark, (*gone, *changes)))
+    steps, mark = (before.steps, before.mark) if isinstance(before, Version) else ((), None)
+    version.steps = (*steps[1 - KEPT :], (mark, (*gone, *changes)))
     return version
 
 

@@ -117,18 +117,19 @@ def test_all_from_nothing_alone(dockerd, tmp_path):
 @pytest.mark.parametrize(("count", "goal"), [(41, 1.0), (200, 0.9)])
 def test_all_from_nothing_before_a_running_rorg(dockerd, tmp_path, count, goal):
     needs_compose()
-    robot = RorgProcess(tmp_path, {}, docker=dockerd.host)
+    left = {"left": {}}  # a tree of which nothing is left counts as a mistake: rorg removes nothing
+    robot = RorgProcess(tmp_path, left, docker=dockerd.host)
     compose = Compose(tmp_path / "compose", count, dockerd.host)
     with running(robot):
         client = robot.client(timeout=60.0, patience=60.0)
 
         def declare() -> None:
-            write_tree(robot.tree, always_on(count))
+            write_tree(robot.tree, {**left, **always_on(count)})
             wait_for(lambda: "s000" in {s["service"] for s in client.services()}, 60)
             client.wait(*always_on(count), timeout=300)
 
         def remove() -> None:
-            write_tree(robot.tree, {})
+            write_tree(robot.tree, left)
             wait_for(lambda: not [s for s in client.services() if s["service"].startswith("s")], 300)
 
         ours, theirs = alternating(1 if count > 100 else 3, declare, compose.up, remove, compose.down)

@@ -13,11 +13,11 @@ from bounded.explore import Bound, Explorer, Tally
 from bounded.worlds import worlds
 
 BOUNDS = (
-    Bound(services=2, features=1, steps=2, asked=True, pauses=(0.05,)),
-    Bound(services=3, features=0, steps=2, asked=True, pauses=(0.05,)),
-    Bound(services=1, features=1, steps=3, asked=True, pauses=(0.05,)),
-    Bound(services=1, features=0, steps=6, asked=True, pauses=(0.05,)),
-    Bound(services=4, features=0, steps=2, asked=True, pauses=(0.05,)),
+    Bound(services=2, features=1, steps=2, asked=True, pauses=(0.03,)),
+    Bound(services=3, features=0, steps=2, asked=True, pauses=(0.03,)),
+    Bound(services=1, features=1, steps=3, asked=True, pauses=(0.03,)),
+    Bound(services=1, features=0, steps=6, asked=True, pauses=(0.03,)),
+    Bound(services=4, features=0, steps=2, asked=True, pauses=(0.03,)),
 )
 SLICE = (9, 4, 4, 1, 4)
 """Worlds of each bound that a slice takes, and"""

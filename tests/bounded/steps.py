@@ -33,8 +33,8 @@ Robot = tuple[WorldRobot, State]
 def alphabet(world: World) -> list[Step]:
     """All steps in a world."""
     count = len(world.names)
-    single = ("request", "lease", "release", "change", "spoil", "always", "crash", "bounce", "freeze", "skip", *CALLS)
-    found: list[Step] = [(verb, n) for n in range(count) for verb in single]
+    single = ("request", "lease", "release", "turn", "change", "spoil", "always", "crash", "bounce", "freeze", "skip")
+    found: list[Step] = [(verb, n) for n in range(count) for verb in (*single, *CALLS)]
     found += [("ask", a, b) for a in range(count) for b in range(count) if a != b]
     return [*found, ("stale",), ("twice",), ("reborn",), ("outage",)]
 
@@ -93,6 +93,17 @@ def release(robot: WorldRobot, name: str) -> bool:
     robot.document = before.without(keys)
     robot.acknowledged -= keys
     return bool(keys)
+
+
+def turn(robot: WorldRobot, name: str) -> bool:
+    """Everything that was requested is released, and this requested instead, at the same moment."""
+    others = [r for r in robot.document.requests if name not in r.services]
+    if not others:
+        return False
+    robot.document = robot.document.without({r.key for r in others})
+    robot.acknowledged -= {r.key for r in others}
+    request(robot, name)
+    return True
 
 
 def crash(robot: WorldRobot, name: str) -> bool:
@@ -173,6 +184,7 @@ DO: dict[str, Callable[..., bool]] = {
     "lease": lease,
     "ask": ask,
     "release": release,
+    "turn": turn,
     "crash": crash,
     "bounce": bounce,
     "freeze": freeze,
