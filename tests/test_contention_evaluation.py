@@ -120,6 +120,8 @@ def test_the_page_shows_means_with_their_intervals(tmp_path, monkeypatch):
     assert "| from request to ready: greeting (s) " + "| 0.50 ± 0.00 " * 5 + "|" in table
     assert "| from request to ready: second greeting (s) " + "| 1.50 ± 0.00 " * 5 + "|" in table
     assert any("at most 5% of the CPU; 1 runs were repeated" in line for line in table)
+    (row,) = contended.headline_rows()
+    assert "| 2.0 %; 2.0 % with CPU shares | 2.0 %; 2.0 % with CPU shares and pauses |" in row
     contended.plot()
     assert all(title in contended.PLOT.read_text() for title in contended.WAYS.values())
 

@@ -151,6 +151,21 @@ def table() -> str:
     return "\n\n".join([*(_table(level) for _, level in sorted(found["levels"].items())), PICTURE])
 
 
+def headline_rows() -> list[str]:
+    """What a short CPU does to the control loop, with and without rorg, for each level of demand."""
+    rows = []
+    for _, level in sorted(measured()["levels"].items()):
+        on, shares, rorg, rested = (
+            f"{estimate([CONTROL.of(run) for run in runs_of(level, way)]).mean:.1f} %"
+            for way in ("all-on", "shares", "rorg", "rested")
+        )
+        rows.append(
+            f"| deadlines missed if programs want {level['demand']:g} times the CPU | {on}; {shares} with CPU shares "
+            f"| {rorg}; {rested} with CPU shares and pauses | measured on Docker, synthetic |"
+        )
+    return rows
+
+
 def _table(level: Mapping[str, Any]) -> str:
     machine, ways = level["machine"], ways_of(level)
     lines = [f"Demand of {level['demand']:g} times the {machine['cores']} cores:", ""]

@@ -317,6 +317,7 @@ def headline_table(found: Mapping[str, Any]) -> str:
             f"| wait for a tour, median | none | {waiting['tour']['median']:.1f} s | {kind} |",
             *programmed.headline_rows(found),
             *emulated.headline_rows(),
+            *contended.headline_rows(),
             "| on a robot | not known | not known | we have no robot |",
         ]
     )
