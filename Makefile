@@ -152,7 +152,7 @@ arm: $(VENV)/test-installed
 	$(BIN)/python .ci/arm $(ARGS)
 
 # rorg in a whole machine that qemu emulates: systemd, control groups v2, the package, a reboot, power cuts. As root.
-# Slow, since all is emulated; KVM=1 where KVM works. CUTS=50 for more power cuts than three; ARGS="-k cut" for them alone.
+# Slow, since all is emulated. CUTS=50 for more power cuts than three; ARGS="-k cut" for them alone.
 vm: $(VENV)/test-installed
 	CUTS=$(or $(CUTS),3) timeout 14400 $(BIN)/pytest tests/vm -s -m "not docker" -o norecursedirs=x $(ARGS)
 

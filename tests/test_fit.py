@@ -248,6 +248,15 @@ def test_durations_follow_from_the_journal(tmp_path):
     assert read_workload(file) == found
 
 
+def test_a_service_that_is_noted_as_ready_before_its_start_is_has_a_start():
+    """The loop and the worker write the journal at the same time."""
+    journal = [
+        *(state("ready", 1.02), done("start", 1.03, 0.1), state("exited", 5)),
+        *(state("ready", 6), done("start", 8, 0.1), state("ready", 9)),
+    ]
+    assert learned_workload("measured", journal).services["arm"].start == Distribution((0.0, 1.0))
+
+
 def test_the_newest_durations_are_kept():
     journal = [e for n in range(30) for e in (done("start", n, n), state("ready", n + 0.5 + n / 100))]
     assert [round(v, 2) for v in learned_workload("measured", journal).services["arm"].start.values] == [

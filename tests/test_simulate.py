@@ -86,6 +86,15 @@ def test_responses_last_until_the_programs_are_up(tmp_path):
     assert [r.seconds for r in found] == pytest.approx([LATENCY["start"] + 3.0, 0.7])
 
 
+def test_what_is_requested_while_it_is_being_stopped_has_to_start_again(tmp_path):
+    catalog = tree(tmp_path, {"camera": {**CAMERA, "idle": {"action": "stop", "linger": 0}}})
+    again = TraceEvent(20.5, "developer", "look", ("camera",))
+    trace = replace(TWICE, events=(*TWICE.events[:2], again))
+    workload = Workload(services={"camera": Behaviour(start=fixed(3.0), stop=fixed(1.0))})
+    _, second = simulate(catalog, trace, workload, 1).responses
+    assert second.seconds == pytest.approx(0.5 + LATENCY["stop"] + LATENCY["start"] + 3.0)
+
+
 def test_what_is_released_too_soon_was_never_ready(tmp_path):
     workload = Workload(others=Behaviour(start=fixed(15.0), resume=fixed(15.0)))
     found = simulate(tree(tmp_path, {"camera": CAMERA}), TWICE, workload, 1).responses

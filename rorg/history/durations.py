@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from math import inf
 from typing import Any
 
 from rorg.model.units import parse_time
@@ -31,20 +32,27 @@ def learned_workload(name: str, entries: Iterable[Mapping[str, Any]]) -> Workloa
     """The measured durations in entries of the journal, which are in order. A simulation draws from them at random."""
     calls, times = defaultdict[str, list[float]](list), defaultdict[tuple[str, str], list[float]](list)
     begun: dict[str, tuple[str, float]] = {}
+    ready: dict[str, float] = {}
+    """Service -> when it became ready while no call was known: the loop may note that before the call's end."""
     for entry in entries:
         service, verb, state = (str(entry.get(key, "")) for key in ("service", "verb", "state"))
         if entry["kind"] == "done":
             begun.pop(service, None)
             if verb in CALLS:
                 calls[verb].append(entry["seconds"])
-            if verb in BEGINS:
-                begun[service] = BEGINS[verb], parse_time(entry["at"])
+            at = parse_time(entry["at"])
+            if verb in BEGINS and ready.pop(service, -inf) >= at - entry["seconds"]:
+                times[BEGINS[verb], service].append(0.0)
+            elif verb in BEGINS:
+                begun[service] = BEGINS[verb], at
             elif verb == "stop":
                 times["stop", service].append(entry["seconds"])
         elif entry["kind"] == "state" and state != "running" and service in begun:
             what, since = begun.pop(service)
             if state == "ready":
                 times[what, service].append(max(0.0, parse_time(entry["at"]) - since))
+        elif entry["kind"] == "state" and state == "ready":
+            ready[service] = parse_time(entry["at"])
     return _workload(name, calls, times)
 
 

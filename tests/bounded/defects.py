@@ -179,6 +179,9 @@ DEFECTS = (
         "in_flight={**memory.in_flight, **flights})",
         "in_flight=memory.in_flight)",
         ("one run of a service", TOGETHER, RIVALS, PLAN, ONE, SAME, BOUNDED),
+        2,
+        GPU,
+        path=((("request", 0), 0.03), (("turn", 1), 150.0)),
     ),
     Defect(
         "an outcome is not noted",

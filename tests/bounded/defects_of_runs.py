@@ -110,7 +110,7 @@ DEFECTS_OF_RUNS = (
     Defect(
         "what failed is not quarantined",
         "core/rollout.py",
-        'error="", update=progress.update.quarantine(error))',
+        'error="", update=progress.update.quarantine(error, now))',
         'error="")',
         (REST, EMPTY, BOUNDED, "a bad change leaves what ran", SERVED),
     ),

@@ -20,7 +20,7 @@ from bounded.worlds import World, specs_of
 import rorg
 
 ROOT = Path(__file__).parents[2]
-QUICK = (0.05,)
+QUICK = (0.03,)
 
 
 def plant(defect: Defect, folder: Path) -> Path:

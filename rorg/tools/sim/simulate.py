@@ -224,6 +224,8 @@ class _Run(RobotOfPrograms):
             return False
         if container.state == "exited":
             return container.exit_code == 0 and step.over(self.desired.catalog.services[service], container)
+        if service in self.memory.in_flight:  # it may be stopped just now
+            return False
         return step.ready and container.state == "running" and self._up.get(container.id, inf) <= self.now
 
     def _observed(self) -> Mapping[str, list[Container]]:
