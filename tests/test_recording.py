@@ -210,13 +210,13 @@ def test_what_a_robot_was_asked_for_is_recorded_with_a_running_rorg_and_without(
 
 
 def test_yesterday_is_simulated_as_it_was(robot, tmp_path):
-    """The trace is stretched, since programs of the simulation take longer to come up than these."""
+    """Its events are ten seconds apart, since programs of the simulation take longer to come up than these."""
     active = play(robot)
     rorg(robot, "trace", "record", "--since", "1h", "--file", str(tmp_path / "today.yaml"))
     trace = read_trace(tmp_path / "today.yaml", SERVICES)
-    events = tuple(replace(event, at=100 * event.at) for event in trace.events)
-    stretched = replace(trace, duration=100 * trace.duration, events=events)
-    result = simulate(load_or_raise(robot.tree), stretched, Workload(), 1)
+    events = tuple(replace(event, at=10.0 * n) for n, event in enumerate(trace.events))
+    slower = replace(trace, duration=10.0 * len(events), events=events)
+    result = simulate(load_or_raise(robot.tree), slower, Workload(), 1)
     changes = [event.at for event in events[1:6]]
     found = [max((s for s in result.samples if s.at < at), key=lambda s: s.at).active for at in changes]
     assert [*found, result.samples[-1].active] == active
