@@ -25,6 +25,14 @@ def on_trial(virtual: VirtualRobot) -> str:
     return digest
 
 
+def outage(virtual: VirtualRobot) -> None:
+    """The engine does not answer for ten seconds; a minute passes after them."""
+    virtual.sim.faults.unreachable = True
+    later(virtual, 10)
+    virtual.sim.faults.unreachable = False
+    later(virtual, 60)
+
+
 def runs(virtual: VirtualRobot) -> str:
     return next((c.digest for c in virtual.containers() if c.state == "running"), "")
 
@@ -36,10 +44,7 @@ def test_a_change_that_fails_right_before_an_outage_is_tried_again(tmp_path, bef
     virtual.kill("nav")
     later(virtual, before)
     assert "its change failed" in virtual.waits("nav")
-    virtual.sim.faults.unreachable = True
-    later(virtual, 10)
-    virtual.sim.faults.unreachable = False
-    later(virtual, 60)
+    outage(virtual)
     assert (runs(virtual) == digest) == tried
 
 
@@ -49,10 +54,7 @@ def test_a_change_that_fails_for_its_own_reasons_is_tried_once_more(tmp_path):
     virtual.sim.faults.bad[digest] = "exit"
     virtual.kill("nav")
     later(virtual, 3)
-    virtual.sim.faults.unreachable = True
-    later(virtual, 10)
-    virtual.sim.faults.unreachable = False
-    later(virtual, 60)
+    outage(virtual)
     assert runs(virtual) not in ("", digest)
     begun = sum(verb == "start" and service == "nav" for _, verb, service in virtual.sim.engine.calls)
     assert begun <= 5, "two trials, and the way back twice"
@@ -113,10 +115,7 @@ def test_a_change_that_failed_before_an_outage_is_tried_again_only_if_it_restart
     virtual.wait(lambda: runs(virtual) == digest)
     virtual.kill("homing")
     later(virtual, 3)
-    virtual.sim.faults.unreachable = True
-    later(virtual, 10)
-    virtual.sim.faults.unreachable = False
-    later(virtual, 60)
+    outage(virtual)
     assert (runs(virtual) == digest) == bool(again)
 
 
