@@ -16,7 +16,6 @@ from cycles import SERVICES, Restarts, cycle
 from robots import RealRobot, write_tree
 from rorg_client import Client
 from test_cycles import daemon, programs  # noqa: F401
-from test_deployment import rorg_image  # noqa: F401
 
 CYCLES = int(os.environ.get("CYCLES", "3400"))
 
