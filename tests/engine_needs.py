@@ -28,6 +28,8 @@ Need = Callable[["Bench"], str]
 IGNORED = "no: `engine-lacks`"
 """The cell of an option that has no effect, which `rorg validate --machine` says by this code."""
 OUT = ["python3", "-S", "-u", "-c"]
+AWAIT = "import time\nwhile True: time.sleep(0.01)"
+"""Waits for a signal. One that comes right before `signal.pause()` would be handled only after the next one."""
 
 
 class Bench:
@@ -74,7 +76,7 @@ class Bench:
 
 def run_and_stop(bench: Bench) -> str:
     """Run a program, and stop it by its own signal"""
-    script = "import signal, sys\nsignal.signal(signal.SIGUSR1, lambda *_: sys.exit(7))\nprint('up')\nsignal.pause()"
+    script = f"import signal, sys\nsignal.signal(signal.SIGUSR1, lambda *_: sys.exit(7))\nprint('up')\n{AWAIT}"
     container = bench.started([*OUT, script])
     wait_for(lambda: b"up" in b"".join(o for o, _ in bench.engine.log_since(container, "")), 20)
     bench.engine.stop(container, "SIGUSR1", 10.0)
@@ -130,7 +132,7 @@ def stop_while_paused(bench: Bench) -> str:
     """Stop a paused program by its own signal"""
     if not bench.can.pause:
         return "no: never paused"
-    script = "import signal, sys\nsignal.signal(2, lambda *_: sys.exit(7))\nprint('up')\nsignal.pause()"
+    script = f"import signal, sys\nsignal.signal(2, lambda *_: sys.exit(7))\nprint('up')\n{AWAIT}"
     container = bench.started([*OUT, script])
     wait_for(lambda: b"up" in b"".join(o for o, _ in bench.engine.log_since(container, "")), 20)
     bench.engine.pause(container)

@@ -181,7 +181,8 @@ def test_a_shell_has_a_real_terminal_and_the_services_environment(robot):
 
 def test_ctrl_c_goes_inside_and_the_terminal_is_as_before(robot):
     program = (
-        "import signal, sys\nsignal.signal(2, lambda *_: sys.exit(5))\nprint('be''gins', flush=True)\nsignal.pause()"
+        "import signal, sys, time\nsignal.signal(2, lambda *_: sys.exit(5))\nprint('be''gins', flush=True)\n"
+        "while True: time.sleep(0.01)"  # a signal right before signal.pause() would be handled after the next one
     )
     found = Terminal(robot, "exec", "arm", "-it", "--", "python3", "-S", "-c", program)
     before = termios.tcgetattr(found.fd)
