@@ -78,21 +78,12 @@ def _contest(catalog: Catalog, requests: tuple[Request, ...], excluded: Mapping[
         if all(w in admitted for w in loss[1].winners):
             continue  # its winners are still wanted
         retried = _all_out(catalog, dict(initial), [c for _, c in losses if c is not loss[1]])
-        candidate = wanted(catalog, requests, retried)
-        retried_priority = effective_priorities(catalog, candidate, requests)
         # Another contest may keep it out, its own or that of the service which needs it: that one is the reason.
-        others = _contested(catalog, candidate, retried_priority)
-        if others:
-            candidate = wanted(catalog, requests, _all_out(catalog, retried, others))
-        if (
-            (others or loss[1].loser in candidate)
-            and set(admitted) <= set(candidate)
-            and not _contested(catalog, candidate, effective_priorities(catalog, candidate, requests))
-        ):
+        candidate, retried_priority, others = _losers_go_out(catalog, requests, retried)
+        if (others or loss[1].loser in candidate) and set(admitted) <= set(candidate):
             losses.remove(loss)
-            losses += [(-retried_priority[c.loser], c) for c in others]
-            admitted, preempted = candidate, retried
-    priority = effective_priorities(catalog, admitted, requests) if losses else priority
+            losses += others
+            admitted, priority, preempted = candidate, retried_priority, retried
     asked = wanted(catalog, requests) if preempted else admitted
     return Admission(admitted, {n: why for n, why in preempted.items() if n in asked}, priority, requests)
 
@@ -110,7 +101,8 @@ def _losers_go_out(
         if not contests:
             return admitted, priority, losses
         without = wanted(catalog, requests, _all_out(catalog, dict(preempted), contests))
-        self_defeating = next(((c, w) for c in contests for w in c.winners if w not in without), None)
+        # Losers are sorted by priority: of several that request the winner, the last one is the first to go out.
+        self_defeating = next(((c, w) for c in reversed(contests) for w in c.winners if w not in without), None)
         if self_defeating:
             # Nobody is preempted by what it requests itself: its request would vanish, the winner would no longer be
             # wanted, and the two would alternate for ever.
@@ -119,10 +111,10 @@ def _losers_go_out(
         _all_out(catalog, preempted, contests)
 
 
-def _give_way(catalog: Catalog, preempted: dict[str, str], name: str, why: str) -> dict[str, str]:
-    """Add a service and everything that needs it to `preempted`, and return it."""
+def _give_way(catalog: Catalog, preempted: dict[str, str], name: str, why: str) -> None:
+    """Add a service and everything that needs it to `preempted`."""
     if name in catalog.services and catalog.services[name].meta:
-        return preempted
+        return
     preempted.setdefault(name, why)
     pending = [name]
     while pending:
@@ -131,7 +123,6 @@ def _give_way(catalog: Catalog, preempted: dict[str, str], name: str, why: str) 
             if lost in service.needs and dependant not in preempted and not service.meta:
                 preempted[dependant] = f"{name} {why}"
                 pending.append(dependant)
-    return preempted
 
 
 def effective_priorities(catalog: Catalog, wanted_set: Wanted, requests: Collection[Request]) -> dict[str, int]:

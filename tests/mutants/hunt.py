@@ -26,14 +26,12 @@ from mutants.suite import OUT, TESTS, TIMED_OUT, Suite, in_child, run
 
 HERE = Path(__file__).parent
 SURVIVORS = OUT / "survivors.txt"
-SUITE = """plan_rules transition_rules verdict_rules request_rules label_rules prewarm_rules object_rules
-progress_rules planner_cases plan_check changed_fields pressure_rules withheld_rules service_events dispatch_rules
-status_rules masker_rules schedule_rules scenarios one_planner giving_way restarts timesharing peers shedding pressure
-pressure_cause ros_graph ros_parameters updates safe_updates joining learning leases network_manifests networks
-removals losses diff machines_rules machine_manifests secrets doctor prewarm observe verdicts confirmation faults
-drivers several_probes shared_memory normal_forms guarantees profiles fit sim_engine small_engine swarm_look
-image_graph notify own_programs compose_reader properties"""
-"""Tests that need no engine but the simulated one, or have some such tests."""
+SUITE = """planner_cases plan_check changed_fields service_events scenarios one_planner giving_way restarts timesharing
+peers shedding pressure pressure_cause ros_graph ros_parameters updates safe_updates joining learning leases
+network_manifests networks removals losses diff machine_manifests secrets doctor prewarm observe verdicts
+confirmation faults drivers several_probes shared_memory normal_forms guarantees profiles fit sim_engine
+small_engine swarm_look image_graph notify own_programs compose_reader properties"""
+"""Besides all test_*_rules.py: tests that need no engine but the simulated one, or have some such tests."""
 BUDGET = 12.0
 """Traced CPU seconds of the tests that a mutant is given."""
 SLOW = 5.0
@@ -135,8 +133,8 @@ def say(text: str) -> None:
 
 def tests() -> list[str]:
     """The files with tests of what core decides; the small worlds are the last resort."""
-    files = [*(str(TESTS / f"test_{name}.py") for name in SUITE.split()), str(HERE / "small_worlds.py")]
-    return os.environ.get("MUTANTS_TESTS", "").split() or files
+    files = [*sorted(TESTS.glob("test_*_rules.py")), *(TESTS / f"test_{name}.py" for name in SUITE.split())]
+    return os.environ.get("MUTANTS_TESTS", "").split() or [str(f) for f in (*files, HERE / "small_worlds.py")]
 
 
 def hunt(suite: Suite, names: Sequence[str]) -> bool:

@@ -33,7 +33,6 @@ MEMORY = 4 << 30
 WORLDLY = "subprocess.Popen", "os.posix_spawn", "os.fork", "_thread.start_new_thread", "socket.bind"
 """Audit events of a test that does more than compute. Its outcome may depend on the machine, and it takes long."""
 TIMED_OUT = signal.SIGPROF, signal.SIGALRM
-Tell = Callable[[object], NoReturn]
 FAILS, LONG = "fails without a mutant", "takes long"
 Tell = Callable[[object], NoReturn]
 """Ends a process with its result."""

@@ -1,0 +1,215 @@
+"""Who is admitted when not everything that is wanted fits, rule by rule."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from rorg.core.admission import Admission, admission_for, admit, effective_priorities, over_budget
+from rorg.core.wanted import wanted
+from rorg.model.catalog import Catalog, Group, Request, Service
+from rorg.model.policy import Budget, Policy
+
+GPU = {"gpu": 1}
+META = Service("developer", meta=True)
+
+
+def tree(*services: Service, budget: Budget | None = None, **more: object) -> Catalog:
+    declared = {service.name: service for service in (META, *services)}
+    return Catalog(services=declared, policy=Policy(budget=budget), **more)
+
+
+def ask(*services: str, by: str = "developer", priority: int | None = None, id: str = "") -> Request:
+    return Request(id or "+".join(services), by, services, priority=priority)
+
+
+def admitted(catalog: Catalog, *requests: Request, **excluded: str) -> Admission:
+    return admit(catalog, requests, excluded)
+
+
+def names(admission: Admission) -> set[str]:
+    return set(admission.wanted) - {"developer"}
+
+
+# -- contests --------------------------------------------------------------------------------------------------
+
+
+def test_priority_decides_a_contest_and_then_the_name():
+    catalog = tree(Service("a", exclusive=GPU, priority=1), Service("b", exclusive=GPU), Service("c", exclusive=GPU))
+    found = admitted(catalog, ask("a"), ask("b"), ask("c"))
+    assert names(found) == {"b"}
+    assert found.preempted == dict.fromkeys("ac", "waits for gpu, which is taken by b")
+
+
+def test_a_loser_runs_though_two_that_need_it_lose_to_others():
+    """`base` lost to `camera`, which loses to `tracker`. With `base`, `dock` and `push` come back, and lose."""
+    catalog = tree(
+        Service("base", exclusive={"can0": 1}, priority=10),
+        Service("camera", exclusive={"can0": 1, "gpu": 1}),
+        Service("tracker", exclusive=GPU, priority=90),
+        Service("dock", needs=("base",), exclusive={"left": 1}, priority=1),
+        Service("push", needs=("base",), exclusive={"right": 1}, priority=1),
+        Service("arm", exclusive={"left": 1}),
+        Service("lift", exclusive={"right": 1}),
+    )
+    found = admitted(catalog, *map(ask, ("base", "camera", "tracker", "dock", "push", "arm", "lift")))
+    assert names(found) == {"base", "tracker", "arm", "lift"}
+    assert found.preempted == {
+        "camera": "waits for gpu, which is taken by tracker",
+        "dock": "waits for left, which is taken by arm",
+        "push": "waits for right, which is taken by lift",
+    }
+    assert found.priorities == effective_priorities(catalog, found.wanted, found.requests)
+
+
+def test_what_two_losers_request_gives_way_to_the_one_that_is_left():
+    """Each of the two asks for `map`, which would win over both; without both, nobody would want it."""
+    catalog = tree(
+        Service("left", exclusive=GPU, priority=20),
+        Service("right", exclusive=GPU, priority=10),
+        Service("map", exclusive=GPU, priority=90),
+    )
+    found = admitted(catalog, ask("left"), ask("right"), ask("map", by="left"), ask("map", by="right"))
+    assert names(found) == {"left"}
+    assert found.preempted == {
+        "map": "waits for gpu, which is taken by left, for which it was requested",
+        "right": "waits for gpu, which is taken by left",
+    }
+
+
+def test_units_of_a_resource_are_counted():
+    catalog = replace(
+        tree(Service("a", exclusive={"lane": 2}, priority=60), Service("b", exclusive={"lane": 1})),
+        policy=Policy(resources={"lane": 3}),
+    )
+    assert names(admitted(catalog, ask("a"), ask("b"))) == {"a", "b"}
+    catalog = replace(catalog, policy=Policy(resources={"lane": 1}))
+    found = admitted(catalog, ask("a"), ask("b"))
+    assert names(found) == {"b"}
+    assert found.preempted == {"a": "waits for lane, which is taken by nobody: there are too few"}
+
+
+# -- holds -----------------------------------------------------------------------------------------------------
+
+
+def test_what_is_held_takes_what_needs_it_along():
+    catalog = tree(Service("a"), Service("b", needs=("a",)), Service("c", needs=("b",)), Service("d"))
+    found = admitted(catalog, ask("c"), ask("d"), a="held")
+    assert names(found) == {"d"}
+    assert found.preempted == {"a": "held", "b": "a held", "c": "a held"}
+
+
+def test_a_meta_service_is_never_preempted():
+    catalog = tree(Service("a"), Service("b", needs=("a",)), Service("tour", meta=True, needs=("b",)))
+    found = admitted(catalog, ask("b"), a="held", developer="held", tour="held")
+    assert set(found.wanted) == {"developer", "tour"}
+    assert found.preempted == {"a": "held", "b": "a held"}
+    assert names(admitted(catalog, ask("b"), gone="held")) == {"a", "b", "tour"}, "a hold of what is declared no more"
+
+
+# -- effective priorities --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("own", "asked", "found"), [(0, 0, 0), (0, None, 0), (50, 20, 50), (50, 80, 80)])
+def test_a_request_raises_the_priority_of_what_it_names(own, asked, found):
+    catalog = tree(Service("a", priority=own, needs=("b",)), Service("b", priority=1))
+    requests = (ask("a", priority=asked),)
+    priorities = effective_priorities(catalog, wanted(catalog, requests), requests)
+    assert priorities == {"developer": 0, "a": found, "b": max(found, 1)}
+
+
+def test_a_priority_counts_for_the_request_that_has_it():
+    catalog = tree(Service("a"), Service("b"), Service("c"), groups={"both": Group("both", ("a", "b"))})
+    requests = ask("both", priority=70), ask("c")
+    found = effective_priorities(catalog, wanted(catalog, requests), requests)
+    assert found == {"developer": 0, "a": 70, "b": 70, "c": 50}
+
+
+def test_what_a_protected_service_needs_is_above_every_priority():
+    catalog = tree(Service("stop", protected=True, always_on=True, needs=("bus",)), Service("bus"), Service("a"))
+    requests = (ask("a", priority=100),)
+    found = effective_priorities(catalog, wanted(catalog, requests), requests)
+    assert found["stop"] == found["bus"] > found["a"] == 100
+
+
+def test_priorities_go_through_a_ring_of_requests():
+    catalog = tree(Service("a", priority=10), Service("b", priority=20), Service("c", priority=30))
+    requests = ask("a"), ask("b", by="a"), ask("c", by="b"), ask("a", by="c")
+    found = effective_priorities(catalog, wanted(catalog, requests), requests)
+    assert found == {"developer": 0, "a": 30, "b": 30, "c": 30}
+
+
+# -- the budget ------------------------------------------------------------------------------------------------
+
+QUEUE = Budget(cpu=1.0, memory=1 << 30, over="queue")
+
+
+def test_the_budget_is_exceeded_above_it_not_at_it():
+    catalog = tree(
+        Service("a", cpu=0.5, memory=1 << 29), Service("b", cpu=0.5, memory=1 << 29), Service("c", memory=1 << 30)
+    )
+    catalog = replace(catalog, policy=Policy(budget=QUEUE))
+    assert over_budget(catalog, ["a", "b", "gone"]) == ""
+    assert over_budget(catalog, "abc") == "2.0Gi would exceed the budget of 1.0Gi"
+    assert over_budget(tree(Service("a", cpu=1.5), budget=QUEUE), "a") == "1.5 cores would exceed the budget of 1"
+    assert over_budget(tree(Service("a", cpu=9.0), budget=Budget()), "a") == ""
+    assert over_budget(tree(Service("a", cpu=9.0)), "a") == ""
+
+
+def test_requests_that_do_not_fit_wait_by_priority():
+    catalog = tree(Service("a", cpu=0.8), Service("b", cpu=0.8), Service("c", cpu=0.8, priority=60), budget=QUEUE)
+    found = admitted(catalog, ask("a"), ask("b"), ask("c"))
+    assert names(found) == {"c"}
+    assert found.preempted == dict.fromkeys("ab", "waits for room: 1.6 cores would exceed the budget of 1")
+    assert names(admitted(catalog, ask("a"), ask("b", priority=70), ask("c"))) == {"b"}
+    assert names(admitted(catalog, ask("b"), ask("a"))) == {"b"}, "of equal ones the older one"
+
+
+def test_a_request_that_takes_no_room_is_admitted_though_the_budget_is_exceeded():
+    catalog = tree(Service("a", cpu=2.0, always_on=True), Service("b"), Service("c", cpu=0.1), budget=QUEUE)
+    found = admitted(catalog, ask("b"), ask("c"))
+    assert names(found) == {"a", "b"}
+    assert set(found.preempted) == {"c"}
+
+
+def test_what_conflicts_in_the_queue_takes_no_room():
+    """`b` gives way to `a`, so that its 0.8 cores are free for `c`."""
+    services = Service("a", conflicts=("b",), priority=90), Service("b", cpu=0.8, priority=80), Service("c", cpu=0.8)
+    found = admitted(tree(*services, Service("d", cpu=0.5), budget=QUEUE), *map(ask, "abcd"))
+    assert names(found) == {"a", "c"}
+    assert found.preempted["b"] == "conflicts with a, which has priority"
+    assert found.preempted["d"].startswith("waits for room")
+
+
+def test_the_contest_is_the_reason_of_what_loses_it_and_has_no_room():
+    """`arm` does not fit when its request is looked at; later `camera` takes its gripper as well."""
+    catalog = tree(
+        Service("arm", exclusive={"gripper": 1}, cpu=1.5, priority=80),
+        Service("camera", exclusive={"gripper": 1}, cpu=0.5),
+        Service("tour"),
+        budget=QUEUE,
+    )
+    found = admitted(catalog, ask("arm", priority=99), ask("camera", priority=90), ask("arm", by="tour"), ask("tour"))
+    assert names(found) == {"camera", "tour"}
+    assert found.preempted == {"arm": "waits for gripper, which is taken by camera"}
+
+
+def test_a_request_of_an_inactive_requester_takes_no_room():
+    catalog = tree(Service("a", cpu=0.8), Service("b", cpu=0.8), Service("tour"), budget=QUEUE)
+    found = admitted(catalog, ask("a", by="tour", priority=100), ask("b"))
+    assert names(found) == {"b"}
+    assert found.preempted == {}
+
+
+# -- reuse -----------------------------------------------------------------------------------------------------
+
+
+def test_an_admission_is_reused_while_what_it_depends_on_is_the_same():
+    catalog, requests = tree(Service("a")), (ask("a"),)
+    first = admission_for(None, catalog, requests, {})
+    assert admission_for(first, catalog, (ask("a"),), {}) is first
+    assert names(admission_for(first, catalog, (), {}).admission) == set()
+    assert names(admission_for(first, catalog, requests, {"a": "held"}).admission) == set()
+    other = tree(Service("a"), Service("b", always_on=True))
+    assert names(admission_for(first, other, requests, {}).admission) == {"a", "b"}
