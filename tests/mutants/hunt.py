@@ -10,19 +10,20 @@ from __future__ import annotations
 import ast
 import gc
 import itertools
+import math
 import os
 import re
 import sys
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import yaml
 from mutants.operators import Mutant, mutants_of
 from mutants.plant import Core
-from mutants.suite import OUT, TESTS, TIMED_OUT, Suite, in_child, run
+from mutants.suite import OUT, TESTS, TIMED_OUT, Suite, in_child, run, texts_of
 
 HERE = Path(__file__).parent
 SURVIVORS = OUT / "survivors.txt"
@@ -54,11 +55,15 @@ class Hunt:
     """By line of core: what executes it."""
     words: dict[str, set[tuple[str, int]]] = field(default_factory=dict)
     """By word of core: where it is."""
+    speak: dict[str, set[str]] = field(default_factory=dict)
+    """By stem: the tests that have it in their text."""
 
     def __post_init__(self) -> None:
         for name, traced in self.suite.traced.items():
             for line in traced.lines:
                 self.tests.setdefault(line, set()).add(name)
+            for stem in _stems(texts_of(self.suite.items[name])):
+                self.speak.setdefault(stem, set()).add(name)
         for file, path in self.core.paths.items():
             for number, text in enumerate(path.read_text().splitlines(), 1):
                 for word in re.findall(r"\w+", text):
@@ -78,20 +83,35 @@ class Hunt:
         return self.suite.first_failure(names)
 
     def order(self, mutant: Mutant) -> list[str]:
-        """The tests that may see a mutant, as many as BUDGET has room for, in the order in which to run them:
-        those that killed a similar mutant first, then files of tests in turn, with an equal time for each."""
+        """The tests that may see a mutant, in the order in which to run them: those that killed a similar mutant, then,
+        for half of BUDGET each, those whose text is about the same, and files of tests in turn."""
         found = set[str]().union(*(self.tests.get(line, set()) for line in self._lines(mutant)))
+        names = [k for k in self.killers.get(_top(mutant), ()) if k in found]
+        about = self._about(mutant)
+        for key in (lambda n: -about[n]), self._turns(found).__getitem__:
+            left = BUDGET / 2
+            for name in sorted(found.difference(names), key=key):
+                left -= self.suite.traced[name].seconds
+                names += [name] if left > 0 else []
+        return names
+
+    def _turns(self, names: Iterable[str]) -> dict[str, tuple[float, str]]:
+        """When each test has its turn if all files of tests get an equal time."""
         traced, spent, turns = self.suite.traced, Counter[str](), dict[str, tuple[float, str]]()
-        for name in sorted(found, key=lambda n: (traced[n].seconds, n)):
+        for name in sorted(names, key=lambda n: (traced[n].seconds, n)):
             file = name.partition("::")[0]
             spent[file] += traced[name].seconds
             turns[name] = spent[file], name
-        turns |= {name: (turn - 100.0, name) for turn, name in enumerate(self.killers.get(_top(mutant), ()))}
-        left, names = BUDGET, list[str]()
-        for name in sorted(found, key=turns.__getitem__):
-            left -= traced[name].seconds
-            names += [name] if left > 0 else []
-        return names
+        return turns
+
+    def _about(self, mutant: Mutant) -> Counter[str]:
+        """How much the text of each test has in common with the changed expression; rare words count more."""
+        scores = Counter[str]()
+        for stem in _stems(mutant.change):
+            speaking = self.speak.get(stem, ())
+            for name in speaking:
+                scores[name] += math.log(len(self.suite.traced) / len(speaking))
+        return scores
 
     def _lines(self, mutant: Mutant) -> set[tuple[str, int]]:
         """Where a mutant is executed. For a constant or the default of a field that is wherever its name is used."""
@@ -102,6 +122,11 @@ class Hunt:
         targets = getattr(mutant.statement, "targets", None) or [getattr(mutant.statement, "target", None)]
         used = set[tuple[str, int]]().union(*(self.words[t.id] for t in targets if isinstance(t, ast.Name)))
         return used if any(line in self.tests for line in used) else {k for k in self.tests if k[0] == mutant.file}
+
+
+def _stems(text: str) -> set[str]:
+    """The beginnings of the words of a text: `suspended` and `suspend` are about the same."""
+    return {word[:6] for word in re.findall("[a-z]{4,}", text.lower())}
 
 
 def _top(mutant: Mutant) -> str:

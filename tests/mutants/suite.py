@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import inspect
 import os
 import pickle
 import resource
@@ -95,6 +96,13 @@ def needs_nothing(item: pytest.Item) -> bool:
     fixtures = set(getattr(item, "fixturenames", ()))
     engine = getattr(getattr(item, "callspec", None), "params", {}).get("robot", "sim")
     return engine == "sim" and not fixtures & {"real_robot", "docker_robot", "dockerd", "process_engine"}
+
+
+def texts_of(item: pytest.Item) -> str:
+    """The text of a test, and of the file that it is about."""
+    files = [v for v in getattr(getattr(item, "callspec", None), "params", {}).values() if isinstance(v, Path)]
+    found = [f.read_text(errors="replace") for f in files if f.is_file()]
+    return "\n".join([inspect.getsource(item.function), item.name, *found])  # type: ignore[attr-defined]
 
 
 def run(files: list[str], work: Callable[[Suite], None]) -> int:
