@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from rorg.core.admission import Admission, admission_for, admit, effective_priorities, over_budget
+from rorg.core.admission import Admission, Admitted, admission_for, admit, effective_priorities, over_budget
 from rorg.core.wanted import wanted
 from rorg.model.catalog import Catalog, Group, Request, Service
 from rorg.model.policy import Budget, Policy
@@ -207,7 +207,7 @@ def test_a_request_of_an_inactive_requester_takes_no_room():
 
 def test_an_admission_is_reused_while_what_it_depends_on_is_the_same():
     catalog, requests = tree(Service("a")), (ask("a"),)
-    first = admission_for(None, catalog, requests, {})
+    first = admission_for(Admitted(), catalog, requests, {})
     assert admission_for(first, catalog, (ask("a"),), {}) is first
     assert names(admission_for(first, catalog, (), {}).admission) == set()
     assert names(admission_for(first, catalog, requests, {"a": "held"}).admission) == set()

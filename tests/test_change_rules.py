@@ -38,6 +38,25 @@ def test_a_version_knows_what_changed_since_each_of_the_versions_before():
     assert changed_keys(updated(first, {"a": D}), updated(first, {"c": A})) == {"a", "c"}, "two branches, too"
 
 
+class Unread(Version):
+    """A version that nobody may go through as a whole."""
+
+    def __iter__(self):
+        raise AssertionError("all of it is read")
+
+
+def test_what_changed_since_a_version_is_known_without_reading_all_of_it():
+    first = Unread({"a": A, "b": B})
+    first.steps, first.mark = (), object()
+    last = updated(first, {"c": C})
+    for _ in range(KEPT - 1):
+        assert changed_keys(first, last) == {"c"}
+        last = updated(last, {"c": last["c"]})
+    assert changed_keys(first, last) == {"c"}
+    with pytest.raises(AssertionError, match="is read"):
+        changed_keys(first, updated(last, {}))
+
+
 def test_a_version_remembers_a_bounded_number_of_steps():
     first = last = updated({}, {"a": A})
     for number in range(3 * KEPT):

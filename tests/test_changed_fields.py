@@ -26,6 +26,8 @@ LONG_OLD, LONG_NEW = "a" * 50 + "b" + "c" * 80, "a" * 50 + "x" + "c" * 80
         ("volumes", ["c:/c"], None, "volumes: - c:/c"),
         ("command", ["sleep", "1 2"], ["sleep", "3"], "command: sleep '1 2' -> sleep 3"),
         ("ports", [1], [2], "ports: + 2, - 1"),
+        ("ports", [1, "a"], "b", 'ports: [1, "a"] -> b'),
+        ("tmpfs", ["/run"], "/run/lock", "tmpfs: /run -> /run/lock"),
         ("mem_limit", 1 << 30, 2 << 30, "mem_limit: 1.0Gi -> 2.0Gi"),
         ("memswap_limit", -1, 0, "memswap_limit: -1 -> 0"),
         ("environment.TOKEN", None, "***", "environment.TOKEN added"),
@@ -88,6 +90,18 @@ def test_a_unified_diff_shows_what_differs_as_yaml():
     assert unified("arm", container_of(was), was) == ""
 
 
+def test_a_unified_diff_shows_mappings_by_key():
+    labels = {"image": "arm", "labels": {"team": "arms", "c": "No", "b": "_x-y/z", "a": "1.5"}}
+    assert unified("arm", None, labels).splitlines()[3:] == [
+        "+image: arm",
+        "+labels:",
+        '+  a: "1.5"',
+        "+  b: _x-y/z",
+        '+  c: "No"',
+        "+  team: arms",
+    ]
+
+
 def test_what_is_masked_on_both_sides_is_marked():
     was, now = ({"image": "arm", "environment": {"MODE": mode}} for mode in ("fast", "slow"))
     assert [line for line in unified("arm", container_of(was), now).splitlines() if "#" in line] == [
@@ -115,13 +129,17 @@ def test_live_options_count_as_they_were_set_since():
 def test_changes_of_manifests_name_each_resource_once(tmp_path):
     def tree(name: str, specs: dict, **kinds: dict):
         catalog = load_or_raise(write_tree(tmp_path / name, specs, **kinds))
-        return desire(catalog, contents={"arm": {"/maps": name}})
+        return desire(catalog, contents={"arm": {"/maps": name, f"/{name}": "1"}})
 
-    old = tree("old", {"arm": {"priority": 50}, "gone": {}}, groups={"all": {"services": ["arm"]}})
-    new = tree("new", {"arm": {"priority": 60}, "came": {}}, groups={"all": {"services": ["arm"]}})
+    old = tree(
+        "old", {"arm": {"priority": 50}, "gone": {}, "tour": {"type": "meta"}}, groups={"all": {"services": ["arm"]}}
+    )
+    new = tree(
+        "new", {"arm": {"priority": 60}, "came": {}, "tour": {"type": "meta"}}, groups={"all": {"services": ["arm"]}}
+    )
     found = {(c.kind, c.name): (c.verb, [str(change) for change in c.changes]) for c in manifest_changes(old, new)}
     assert found == {
-        ("Service", "arm"): ("change", ["/maps changed", "priority: 50 -> 60"]),
+        ("Service", "arm"): ("change", ["/maps changed", "/new added", "/old removed", "priority: 50 -> 60"]),
         ("Service", "came"): ("add", []),
         ("Service", "gone"): ("remove", []),
     }

@@ -100,6 +100,15 @@ def test_a_paused_driver_that_nobody_wants_is_not_touched_by_a_hold(tmp_path):
     assert affected(robot, by_hold, "arm").names == ()
 
 
+def test_a_driver_that_is_about_to_run_is_affected(tmp_path):
+    robot = VirtualRobot(tmp_path)
+    robot.declare({"core": {"ready": {"delay": "1h"}}, "arm": {"needs": ["core"], "driver": {}}})
+    robot.request("arm")
+    robot.wait(lambda: robot.active() == {"core"})
+    assert affected(robot, by_hold, "core") == Affected((), {"arm": True})
+    assert affected(robot, by_hold, "arm") == Affected(("arm",))
+
+
 def test_whoever_is_affected_is_named():
     found = Affected(("arm", "base"), {"camera": False, "laser": True})
     assert str(found) == "arm, base move hardware; camera, laser (moves hardware) go along"

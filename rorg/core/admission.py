@@ -35,18 +35,18 @@ class Admission:
 class Admitted:
     """An admission together with its inputs, kept so that the next pass can reuse it."""
 
-    catalog: Catalog
-    requests: tuple[Request, ...]
-    excluded: Mapping[str, str]
-    admission: Admission
+    catalog: Catalog = Catalog()
+    requests: tuple[Request, ...] = ()
+    excluded: Mapping[str, str] = field(default_factory=dict)
+    admission: Admission = Admission({})
 
 
 def admission_for(
-    last: Admitted | None, catalog: Catalog, requests: tuple[Request, ...], excluded: Mapping[str, str]
+    last: Admitted, catalog: Catalog, requests: tuple[Request, ...], excluded: Mapping[str, str]
 ) -> Admitted:
     """Return the last admission if its inputs are the same, otherwise call admit(). With hundreds of requests admit()
     takes longer than the rest of a pass."""
-    if last and last.catalog is catalog and last.excluded == excluded and last.requests == requests:
+    if last.catalog is catalog and last.excluded == excluded and last.requests == requests:
         return last
     return Admitted(catalog, requests, excluded, admit(catalog, requests, excluded))
 

@@ -47,8 +47,7 @@ def by_restart(situation: Situation, memory: Memory, names: Collection[str]) -> 
     only those request. A request ends with the run that sent it."""
     services = situation.desired.catalog.services
     restarted = _dependants({n: s.restarts_with for n, s in services.items()}, names)
-    requests = () if memory.admitted is None else memory.admitted.requests
-    left = [r for r in requests if r.requester not in restarted or r.standing or r.incarnation is None]
+    left = [r for r in memory.admitted.requests if r.requester not in restarted or r.standing or r.incarnation is None]
     return _affected(situation, names, restarted, _still_wanted(situation, memory, left))
 
 
@@ -56,8 +55,7 @@ def by_hold(situation: Situation, memory: Memory, names: Collection[str]) -> Aff
     """Return what a hold of these services affects: services that need them, transitively, and drivers that only those
     request."""
     ceased = _dependants({n: s.needs for n, s in situation.desired.catalog.services.items()}, names)
-    requests = () if memory.admitted is None else memory.admitted.requests
-    return _affected(situation, names, ceased, _still_wanted(situation, memory, requests, names))
+    return _affected(situation, names, ceased, _still_wanted(situation, memory, memory.admitted.requests, names))
 
 
 def by_release(situation: Situation, memory: Memory, key: tuple[str, str]) -> Affected:
@@ -67,11 +65,11 @@ def by_release(situation: Situation, memory: Memory, key: tuple[str, str]) -> Af
     A driver that only ceases because what needed it was released is not listed: it ceases as its manifest says, so no
     confirmation is needed.
     """
-    catalog, admitted = situation.desired.catalog, memory.admitted
-    asked = next((r for r in admitted.requests if r.key == key and not r.standing), None) if admitted else None
-    if admitted is None or asked is None:
+    catalog, requests = situation.desired.catalog, memory.admitted.requests
+    asked = next((r for r in requests if r.key == key and not r.standing), None)
+    if asked is None:
         return Affected()
-    still_wanted = _still_wanted(situation, memory, [r for r in admitted.requests if r is not asked])
+    still_wanted = _still_wanted(situation, memory, [r for r in requests if r is not asked])
     named = {m for name in asked.services for m in catalog.members(name)}
     stopping = {n for n in _drivers(situation, still_wanted) & named if _touched(situation, catalog.services[n])}
     requester = catalog.services.get(asked.requester)
@@ -98,8 +96,8 @@ def _still_wanted(
     situation: Situation, memory: Memory, requests: Collection[Request], held: Collection[str] = ()
 ) -> Wanted:
     """Return what would be wanted if only these requests were left, and these services were held too."""
-    excluded = {} if memory.admitted is None else memory.admitted.excluded
-    return admit(situation.desired.catalog, requests, {**excluded, **dict.fromkeys(held, "held")}).wanted
+    excluded = {**memory.admitted.excluded, **dict.fromkeys(held, "held")}
+    return admit(situation.desired.catalog, requests, excluded).wanted
 
 
 def _drivers(situation: Situation, left: Collection[str]) -> set[str]:

@@ -27,6 +27,8 @@ CONTEXT = 16
 """Characters shown before the first difference in a shortened value."""
 ORDERED = ("command", "entrypoint")
 """Lists that are one value, such as a command line, rather than a set of entries."""
+NO_TEXTS = frozenset(("true", "false", "yes", "no", "on", "off", "null", "y", "n"))
+"""Words that YAML does not read as texts, in any case."""
 BYTES = ("mem_limit", "mem_reservation", "memswap_limit", "shm_size")
 
 
@@ -44,7 +46,7 @@ class Change:
             return f"{self.field} changed"
         if MASK in (self.old, self.new):
             return f"{self.field} {'added' if self.old is None else 'removed' if self.new is None else 'changed'}"
-        if isinstance(self.old or self.new, list) and self.field not in ORDERED:
+        if all(isinstance(v, list | None) for v in (self.old, self.new)) and self.field not in ORDERED:
             old, new = self.old or [], self.new or []
             entries = [f"+ {_shown(v)}" for v in new if v not in old] + [f"- {_shown(v)}" for v in old if v not in new]
             return f"{self.field}: {', '.join(entries)}" if entries else f"{self.field}: order changed"
@@ -127,7 +129,7 @@ def _shown(value: Any) -> str:
 
 
 def _bytes(value: Any) -> str:
-    return format_memory(value) if isinstance(value, int) and value >= 0 else _shown(value)
+    return format_memory(value) if isinstance(value, int) else _shown(value)
 
 
 def _cut_to_difference(old: str, new: str) -> tuple[str, str]:
@@ -163,7 +165,8 @@ def _yaml(name: str, value: Any) -> list[str]:
 def _scalar(value: Any) -> str:
     """Return a scalar as YAML. JSON is valid YAML; quotes are left out if the text reads the same without them."""
     plain = isinstance(value, str) and value.replace("/", "").replace("_", "").replace("-", "").isalnum()
-    return value if plain and not value[0].isdigit() else json.dumps(value, ensure_ascii=False)
+    reads = plain and not value[0].isdigit() and value.lower() not in NO_TEXTS
+    return value if reads else json.dumps(value, ensure_ascii=False)
 
 
 UNTOLD = frozenset(("ros", "where", "origins", "defaults", "spec", "name", "description", "labels", "joins"))
@@ -210,9 +213,9 @@ def _compared(old: Mapping[str, Mapping[str, Any]], new: Mapping[str, Mapping[st
 def _changes(field: str, old: Any, new: Any) -> list[Change]:
     if field not in (CONTENT, PARAMETERS):
         return field_changes(field, old, new)
-    was, now, before = old or {}, new or {}, "" if field == CONTENT else f"{field}."
-    names = sorted(n for n in {*was, *now} if was.get(n) != now.get(n))
-    return [Change(f"{before}{n}", MASK if n in was else None, MASK if n in now else None) for n in names]
+    before = "" if field == CONTENT else f"{field}."
+    names = sorted(n for n in {*old, *new} if old.get(n) != new.get(n))
+    return [Change(f"{before}{n}", MASK if n in old else None, MASK if n in new else None) for n in names]
 
 
 def _resources(desired: Desired) -> dict[str, dict[str, dict[str, Any]]]:

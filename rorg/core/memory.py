@@ -246,8 +246,8 @@ class Memory:
     leases: Mapping[tuple[str, str], Lease] = field(default_factory=dict)
     """By (requester, id)."""
     pressure: Pressure = CALM
-    admitted: Admitted | None = None
-    """The admission of the last pass, to be reused; without it the result is the same."""
+    admitted: Admitted = Admitted()
+    """The admission of the last pass, to be reused."""
     asked: tuple[Request, ...] | None = None
     """The requests of the last pass; None before the first one."""
     restarts: Mapping[str, Due] | None = None
