@@ -8,9 +8,11 @@ import pytest
 from robots import VirtualRobot
 
 from rorg.core.check import check
+from rorg.core.links import Remote
 from rorg.core.memory import InFlight
 from rorg.core.observed import LABEL_JOINED
 from rorg.core.operations import Create, CreateObject, Operation, Remove, RemoveObject, Start, Stop
+from rorg.core.peers import Peers
 from rorg.core.plan import Action, Part, ServicePlan
 from rorg.core.situation import Situation
 
@@ -29,12 +31,14 @@ def robot(tmp_path):
             "camera": {"always_on": True, "needs": ["base"]},
             "spare": {"needs": ["camera"]},
             "cloud": {"container": {"networks": ["given"]}},
+            "crew": {"type": "meta"},
+            "guide": {"needs": ["crew", "camera"]},
             "viewer": {"container": {"pid": "service:camera"}, "needs": ["camera"]},
         },
         networks={"lab": {}, "given": {"external": True}},
         volumes={"maps": {}},
     )
-    found.wait(lambda: found.sim.decision.memory.of("camera").ready and len(found.containers()) == 4)
+    found.wait(lambda: found.sim.decision.memory.of("camera").ready and len(found.containers()) == 5)
     return found
 
 
@@ -43,7 +47,8 @@ def checked(robot, *actions: Action, **changes: object) -> list[str]:
     planned = robot.sim.decision.cache.planned
     plans = {name: ServicePlan() for name in planned.plans}
     for action in actions:
-        plans[action.service] = replace(plans[action.service], actions=(*plans[action.service].actions, action))
+        plan = plans.get(action.service, ServicePlan())
+        plans[action.service] = replace(plan, actions=(*plan.actions, action))
     situation: Situation = replace(planned.situation, **changes)
     places = {name: place for place, name in enumerate([*(n for n in plans if n not in ORDER), *ORDER])}
     return check(replace(planned, situation=situation, plans=plans, places=places, replanned=tuple(plans)))
@@ -151,6 +156,31 @@ def test_needs_are_ready_first(robot):
     assert checked(robot, stop, later, wanted=wanted, memory=memory) == []
 
 
+def test_a_meta_service_is_never_waited_for(robot):
+    start, wanted = on(robot, "guide", Start), {**known(robot).wanted, "guide": ()}
+    assert checked(robot, start, wanted=wanted) == []
+    assert checked(robot, start, wanted=wanted, memory=memory_with(robot, "camera", ready=False)) == [
+        f"{start} before camera is ready"
+    ]
+
+
+def test_a_need_on_another_machine_is_ready_as_that_one_says(robot):
+    start, desired = on(robot, "spare", Start), known(robot).desired
+    camera = replace(desired.catalog.services["camera"], away="base", machine="base")
+    catalog = replace(desired.catalog, services={**desired.catalog.services, "camera": camera})
+    there = Remote("running", True, True, "Healthy", "Synced", "x@1")
+    for remote, violations in ((there, []), (replace(there, ready=False), [f"{start} before camera is ready"])):
+        peers = Peers("head", remotes={"camera": remote})
+        case = {"desired": replace(desired, catalog=catalog), "wanted": {**known(robot).wanted, "spare": ()}}
+        not_here = memory_with(robot, "camera", ready=False)
+        assert checked(robot, start, peers=peers, memory=not_here, **case) == violations
+
+
+def test_nothing_is_done_to_what_has_no_container_here(robot):
+    action = Action(0, Start(container="x"), "crew")
+    assert f"{action}, which no manifest declares" in checked(robot, action, wanted={"crew": ()})
+
+
 def test_what_no_manifest_declares_only_ends(robot):
     catalog = known(robot).desired.catalog
     services = {name: service for name, service in catalog.services.items() if name != "base"}
@@ -175,6 +205,8 @@ def test_networks_and_volumes_of_others_are_left_alone(robot):
     objects = known(robot).observed.objects
     assert checked(robot, make) == [f"{make}, which is not for rorg to make"], "it exists"
     assert checked(robot, given) == [f"{given}, which is not for rorg to make"]
+    undeclared = Action(0, replace(NET, name="gone"), "network/gone")
+    assert checked(robot, undeclared) == [f"{undeclared}, which is not for rorg to make"]
     remove = Action(0, RemoveObject(object="network", name="lab"), "network/lab")
     again = replace(make, index=1, after=("network/lab",))
     assert checked(robot, remove) == []

@@ -6,64 +6,22 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+from situations import ARM, BASE, NOW, PROBED, RUN, SPEC, STARTED, box, planned, situation, up
 
 from rorg.core.desired import desire
-from rorg.core.digest import Rules, canonical, declared_fields, digest, labels
+from rorg.core.digest import Rules, labels
 from rorg.core.incremental import plan_all, update_plan
 from rorg.core.memory import Attempt, CountedOn, InFlight, Memory, Progress
-from rorg.core.observed import LABEL_RULES, Container, Observed
+from rorg.core.observed import LABEL_RULES
 from rorg.core.operations import Pause, Start
 from rorg.core.peers import Peers
 from rorg.core.plan import Action
-from rorg.core.situation import Measures, MissingImage, Situation
+from rorg.core.situation import Measures, MissingImage
 from rorg.core.update import Update
 from rorg.core.wanted import Cause
 from rorg.model.catalog import Catalog, Idle, Service, Updating
 from rorg.model.policy import Policy, Thresholds
 from rorg.model.probe import Probe
-
-NOW, EARLIER = 100.0, 90.0
-STARTED, LATER = "2026-01-01T12:00:00Z", "2026-01-01T13:00:00Z"
-SPEC = {"image": "x"}
-BASE = Service("base", spec=SPEC)
-ARM = Service("arm", spec=SPEC, needs=("base",))
-PROBED = replace(BASE, ready=Probe("tcp", 80, timeout=30.0))
-RUN = f"base@{STARTED}"
-
-
-def box(service: str = "base", state: str = "running", spec: Any = SPEC, **more: Any) -> Container:
-    made = {"digest": digest(spec), "declared": canonical(declared_fields(spec)), "started_at": STARTED, **more}
-    return Container(**{"id": service, "name": service, "service": service, "state": state, **made})
-
-
-def up(name: str = "base", **more: Any) -> Progress:
-    """It has been ready for ten seconds."""
-    known = {"running_since": EARLIER, "ready": True, "was_ready": True, "well_since": EARLIER}
-    return replace(Progress(incarnation=f"{name}@{STARTED}", **known), **more)
-
-
-def situation(
-    *services: Service, seen: tuple[Container, ...] = (), policy: Policy = Policy(), known: Any = None, **more: Any
-) -> Situation:
-    """All services are wanted, and what runs is ready, unless something else is said."""
-    declared = {service.name: service for service in services}
-    progress = {c.service: up(c.service) for c in seen if c.state == "running"}
-    facts = {
-        "desired": desire(Catalog(services=declared, policy=policy)),
-        "observed": Observed(seen, looked={c.id: NOW for c in seen}),
-        "memory": Memory({**progress, **(known or {})}),
-        "wanted": {name: (Cause("always_on"),) for name in declared},
-        "urgent": frozenset(),
-    }
-    return Situation(**{"now": NOW, "owner": "robot", **facts, **more})
-
-
-def planned(*services: Service, **more: Any) -> list[str]:
-    """The actions and waitings, a line each."""
-    plan = plan_all(situation(*services, **more)).plan()
-    lines = plan.text().splitlines()[:-1] if not plan.empty else []
-    return [" ".join(line.split()) for line in lines]
-
 
 # -- needs -----------------------------------------------------------------------------------------------------
 

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from robots import VirtualRobot
 
+from rorg.core.conditions import Condition
 from rorg.core.desired import desire
 from rorg.core.links import Remote
 from rorg.core.memory import Attempt, InFlight, Memory, Progress
@@ -51,6 +52,8 @@ def test_what_is_as_wanted(robot):
     assert "spare" in found
     assert "gone" not in found
     arm, base, spare = found["arm"], found["base"], found["spare"]
+    assert spare.condition("Requested") == Condition("Requested", "False", "NotWanted")
+    assert arm.condition("Requested").reason == "Wanted"
     assert found["arm"] is arm, "found once"
     assert (arm.sync, arm.health, arm.state, arm.wanted, ready(arm)) == (
         "Synced",

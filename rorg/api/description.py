@@ -45,8 +45,8 @@ def declared(current: Current, name: str) -> dict[str, Any]:
     """A service as its manifest declares it, with its status; of its environment only the names."""
     services, status = current.catalog.services, current.statuses[name]
     service = services[name]
-    spec = {k: v for k, v in (service.spec or {}).items() if k != "environment"}
-    spec["environment"] = sorted((service.spec or {}).get("environment", {}))
+    spec = {k: v for k, v in service.options.items() if k != "environment"}
+    spec["environment"] = sorted(service.options.get("environment", {}))
     return {
         "name": name,
         "message": status.trouble,

@@ -176,10 +176,10 @@ def _granted(grant: Service) -> set[str]:
 def _more(service: Service, others: list[Service], grant: Service, manager: Service, catalog: Catalog) -> Iterator[str]:
     """Rights of a service that none of the others has."""
     folder = socket_folder(service.name)
-    spec = dict(service.spec or {})
+    spec = dict(service.options)
     spec["volumes"] = [v for v in spec.get("volumes", ()) if v != f"{folder}:{folder}:ro"]
-    specs = [other.spec or {} for other in others]
-    yield from (f"container.{o}" for o in exceeding(spec, specs, grant.spec or {}, _granted(grant)))
+    specs = [other.options for other in others]
+    yield from (f"container.{o}" for o in exceeding(spec, specs, grant.options, _granted(grant)))
     allowed = permitted(manager, "request", catalog).union(*(other.needs for other in (*others, grant)))
     yield from (f"needs {need}" for need in service.needs if need not in allowed and not manager.manages(need))
     held = {resource for other in (*others, grant) for resource in other.exclusive}

@@ -238,7 +238,7 @@ def _service(desired: Desired, name: str) -> dict[str, Any]:
     """Return the fields of a service, including container options and the content it mounts from the tree."""
     service = desired.catalog.services[name]
     extra = {CONTENT: dict(desired.contents.get(name, {})), PARAMETERS: dict(service.ros.values) if service.ros else {}}
-    return {**_fields(service), **_declared(service.spec or {}, service.secrets), **extra}
+    return {**_fields(service), **_declared(service.options, service.secrets), **extra}
 
 
 def _network_or_volume(declared: EngineObject) -> dict[str, Any]:

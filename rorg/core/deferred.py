@@ -17,7 +17,7 @@ def held_back(view: View, service: Service, changed: Collection[str]) -> Waiting
     the existing container differs."""
     if service.name in view.s.unplugged:
         return Waiting(service.name, view.s.unplugged[service.name], code=DEVICE)
-    image = str((service.spec or {}).get("image", ""))
+    image = str(service.options.get("image", ""))
     missing = view.s.images.get(image)
     if missing:
         return Waiting(service.name, f"image {image} {missing.reason}", code=NO_IMAGE if missing.failed else IMAGE)

@@ -195,7 +195,7 @@ def used_objects(catalog: Catalog) -> tuple[Mapping[str, EngineObject], Uses, Us
     by_key = {item.key: name for name, item in objects.items()}
     uses: dict[str, tuple[str, ...]] = {}
     for name, service in catalog.services.items():
-        if used := tuple(dict.fromkeys(by_key[key] for key in keys_of(service.spec or {}) if key in by_key)):
+        if used := tuple(dict.fromkeys(by_key[key] for key in keys_of(service.options) if key in by_key)):
             uses[name] = used
     return objects, uses, _grouped((subject, name) for name, subjects in uses.items() for subject in subjects)
 

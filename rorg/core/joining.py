@@ -50,7 +50,7 @@ def can_return(view: View, service: Service, container: Container) -> bool:
 def with_ids(view: View, service: Service) -> tuple[Spec, Mapping[str, str]]:
     """Return the spec with ids for the engine, and what it is joined to (service -> container id). If a joined
     container is missing, return the spec as declared; it cannot be created yet."""
-    spec = service.spec or {}
+    spec = service.options
     ids = {name: _coming(view, service, name) or _current(view, name) for name in service.joins}
     return (resolved(spec, service.joins, ids), ids) if all(ids.values()) else (spec, {})
 

@@ -212,8 +212,8 @@ def _own_secrets(catalog: Catalog) -> dict[str, set[str]]:
     """Return service -> its secrets, including those of the Images it is built from."""
     secrets_by_service = {}
     for service in catalog.services.values():
-        service_secrets = {*secrets_of(service.spec or {}, service.secrets)}
-        pending, seen_images = [str((service.spec or {}).get("image", ""))], set[str]()
+        service_secrets = {*secrets_of(service.options, service.secrets)}
+        pending, seen_images = [str(service.options.get("image", ""))], set[str]()
         while pending:
             image = catalog.images.get(declared(pending.pop(), catalog.images) or "")
             if image is not None and image.name not in seen_images:
@@ -270,6 +270,6 @@ def _said(catalog: Catalog, managed: Collection[str]) -> Iterable[str]:
     for service in catalog.services.values():
         if service.name in managed:
             continue
-        yield from (service.where.file, service.container_name, str((service.spec or {}).get("image", "")))
+        yield from (service.where.file, service.container_name, str(service.options.get("image", "")))
     for image in catalog.images.values():
         yield from (image.where.file, image.context or "", image.reference, *image.bases)

@@ -42,7 +42,7 @@ def former_objects(situation: Situation) -> dict[str, FoundObject]:
         return {}
     services = situation.desired.catalog.services.values()
     staying = [s for s in services if s.name in situation.wanted or s.idle.action != "remove"]
-    named = {key for s in staying for key in keys_of(s.spec or {})}
+    named = {key for s in staying for key in keys_of(s.options)}
     return {name: existing for name, existing in former.items() if existing.key not in named}
 
 

@@ -106,7 +106,7 @@ class Overview:
             return ()
         container, difference_found = differing
         service = self.situation.desired.catalog.services[name]
-        return changed_fields(container, service.spec or {}, difference_found, service.secrets)
+        return changed_fields(container, service.options, difference_found, service.secrets)
 
     def _differing(self, name: str) -> tuple[Container, Difference] | None:
         """Return the container to be replaced, or else the one that stays and differs from its manifest."""

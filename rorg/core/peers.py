@@ -161,8 +161,8 @@ def seen_from(catalog: Catalog, here: str) -> Catalog:
     if not away:
         return catalog
     services = {**catalog.services, **{n: _away(s) for n, s in away.items()}}
-    theirs = {key for s in away.values() for key in keys_of(s.spec or {})}
-    theirs -= {key for s in services.values() for key in keys_of(s.spec or {})}
+    theirs = {key for s in away.values() for key in keys_of(s.options)}
+    theirs -= {key for s in services.values() for key in keys_of(s.options)}
     networks = {n: o for n, o in catalog.networks.items() if o.key not in theirs}
     volumes = {n: o for n, o in catalog.volumes.items() if o.key not in theirs}
     return replace(catalog, services=services, networks=networks, volumes=volumes)

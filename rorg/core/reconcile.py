@@ -41,7 +41,7 @@ class _Reconciled:
 
     def steps(self) -> list[Step]:
         """Return all steps of a service, from what is observed to what is desired."""
-        name, spec = self.name, self.service.spec or {}
+        name, spec = self.name, self.service.options
         pairs = [(c, self.difference(c, spec)) for c in self.view.of(name)]
         current = next(((c, d) for c, d in pairs if not d.recreate and c.id not in self.moved), None)
         stale = [(c, d) for c, d in pairs if current is None or c is not current[0]]
@@ -212,7 +212,7 @@ class _Reconciled:
 
     def create(self, name: str, stale: list[tuple[Container, Difference]], old: Container | None) -> Step:
         """Return the step that creates a container. `old` is kept in case the new one does not come up."""
-        declared, made_from = self.service.spec or {}, self.desired.digests[self.name]
+        declared, made_from = self.service.options, self.desired.digests[self.name]
         spec, joined = with_ids(self.view, self.service)
         marks = labels(
             self.s.owner,

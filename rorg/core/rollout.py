@@ -61,7 +61,7 @@ def fits(container: Container, name: str, desired: Desired) -> bool:
     """Return whether a container matches its manifest, so that no new one is needed."""
     if container.digest == desired.digests[name]:
         return True
-    spec = desired.catalog.services[name].spec or {}
+    spec = desired.catalog.services[name].options
     return not difference(container, spec, desired.digests[name], desired.declared[name]).recreate
 
 

@@ -76,7 +76,7 @@ def graph_of(service: Service) -> str:
     """Return the name of the ROS graph that the service declares; "" if it has none."""
     if service.domain is not None:
         return graph_of_domain(service.domain)
-    return str((service.spec or {}).get("environment", {}).get("ROS_MASTER_URI") or "")
+    return str(service.options.get("environment", {}).get("ROS_MASTER_URI") or "")
 
 
 def connections(graph: RosGraph, service: str) -> tuple[Connection, ...]:

@@ -160,7 +160,7 @@ def _shares(view: View, service: Service, container: Container) -> int | None:
     current = container.live.get("cpu_shares")
     if service.name in view.s.measures.lowered:
         return LOWERED_SHARES if container.active and current != LOWERED_SHARES else None
-    declared = (service.spec or {}).get("cpu_shares", DEFAULT_SHARES)
+    declared = service.options.get("cpu_shares", DEFAULT_SHARES)
     return declared if current == LOWERED_SHARES != declared else None
 
 

@@ -142,7 +142,7 @@ def _counted_on(progress: Progress, service: Service, current: Container | None,
 
 def doubt_ends(progress: Progress, service: Service) -> float | None:
     """Return when a run that was being stopped counts as going on after all; None if none was."""
-    grace = float((service.spec or {}).get("stop_grace_period", DEFAULT_GRACE))
+    grace = float(service.options.get("stop_grace_period", DEFAULT_GRACE))
     return None if progress.doubted_since is None else progress.doubted_since + grace + MARGIN
 
 

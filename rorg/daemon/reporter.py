@@ -113,7 +113,7 @@ class Reporter:
         """Report the options that manifests declare and the engine ignores."""
         users: dict[str, int] = {}
         for service in tree.desired.catalog.services.values():
-            declared = frozenset(service.spec or {}) - frozenset(service.defaults)
+            declared = frozenset(service.options) - frozenset(service.defaults)
             for option in self.engine.capabilities.ignored(declared):
                 users[option] = users.get(option, 0) + 1
         if users:

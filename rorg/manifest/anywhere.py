@@ -19,7 +19,7 @@ nothing, and rorg is no part of the Swarm."""
 
 def anywhere(service: Service, source: Source) -> Service:
     """Return the service as the Swarm gets it. Its mounts of the tree travel with it, because no node has the tree."""
-    spec, mounts = dict(service.spec or {}), {same_path(m.rpartition(":")[2]) for m in source.spec.mounts or ()}
+    spec, mounts = dict(service.options), {same_path(m.rpartition(":")[2]) for m in source.spec.mounts or ()}
     if mounts:
         spec["volumes"] = [_of_tree(read_mount(v)) if mounted_at(v) in mounts else v for v in spec.get("volumes", ())]
     reserve: dict[str, Any] = {"cpu": service.cpu, "memory": service.memory}

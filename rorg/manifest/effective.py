@@ -181,7 +181,7 @@ class Layer:
 
 def _container(service: Service, own: Source, profile: Merged, used: list[Level]) -> Iterator[Value]:
     layers = _layers(own, profile, used)
-    for option, value in sorted((service.spec or {}).items()):
+    for option, value in sorted(service.options.items()):
         if option in ("image", "command"):
             continue
         if option == "environment":

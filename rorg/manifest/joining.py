@@ -25,7 +25,7 @@ def join(
     """Adds the services that it joins to its needs, and to what restarts it if their end also ends the namespace: a
     container in a network that is gone is unreachable. `known` are all declared names, including broken ones."""
     joins: dict[str, tuple[str, ...]] = {}
-    for option, index, name in named(service.spec or {}):
+    for option, index, name in named(service.options):
         diagnostic = _wrong(service, option, name, services, groups, known)
         if diagnostic:
             yield replace(diagnostic, where=place_of(source, option, index))
@@ -88,7 +88,7 @@ def check_shared_memory(services: Mapping[str, Service], sources: Mapping[str, S
     other container ("non-shareable IPC")."""
     for name, source in sources.items():
         for other, options in services[name].joins.items():
-            mode = str((services[other].spec or {}).get("ipc") or "")
+            mode = str(services[other].options.get("ipc") or "")
             if "ipc" in options and mode in NOT_SHARED and other in sources:
                 said = f"ipc: {mode}" if mode else "no ipc"
                 message = f"ipc: '{other}' declares {said}, so its shared memory is its own"

@@ -29,8 +29,8 @@ def secrets_of(
     marked_images = dict(images)
     for name, source in sources.items():
         service = services[name]
-        variables = (service.spec or {}).get("environment", {})
-        under = _under(str((service.spec or {}).get("image", "")), images)
+        variables = service.options.get("environment", {})
+        under = _under(str(service.options.get("image", "")), images)
         for index, secret in enumerate(source.spec.secrets):
             where = source.where("spec", "secrets", index)
             taken = [i for i in under if secret in images[i].args]

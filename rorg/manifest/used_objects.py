@@ -89,7 +89,7 @@ def check_default(
 ) -> Iterator[Diagnostic]:
     """Refuses options for `default`, the engine's own network, unless a manifest declares a network of that name."""
     for name, source in sources.items():
-        options = ((services[name].spec or {}).get("networks") or {}).get("default")
+        options = (services[name].options.get("networks") or {}).get("default")
         if options and any(options.values()) and "default" not in networks:
             where = source.where("spec", "container", "networks", "default")
             message = "'default' takes no options, and no Network declares it"
@@ -102,7 +102,7 @@ def misspelt(
     """Warns about names that are almost those of a Network or Volume: the engine does not have such a network, and
     would create a new volume."""
     for name, source in sources.items():
-        for key in keys_of(services[name].spec or {}):
+        for key in keys_of(services[name].options):
             kind, _, called = key.partition("/")
             declared = networks if kind == "network" else volumes
             known = {*declared, *OWN, *(one.called for one in declared.values())}

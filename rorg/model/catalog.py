@@ -133,8 +133,13 @@ class Service:
     where: Where = Where("")
 
     @property
+    def options(self) -> Spec:
+        """Its spec, empty if it has no container here."""
+        return self.spec or {}
+
+    @property
     def container_name(self) -> str:
-        return str((self.spec or {}).get("container_name", self.name))
+        return str(self.options.get("container_name", self.name))
 
     def restarts_after(self, exit_code: int | None) -> bool:
         """Whether a run follows one that ended with this exit code."""

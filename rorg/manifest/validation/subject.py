@@ -58,7 +58,7 @@ class Subject:
 
     @cached_property
     def options(self) -> Mapping[str, Any]:
-        return self.service.spec or {}
+        return self.service.options
 
     @cached_property
     def env(self) -> Mapping[str, str]:

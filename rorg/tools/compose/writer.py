@@ -65,7 +65,7 @@ def project(name: str) -> str:
 
 
 def _service(writing: Writing, service: Service, catalog: Catalog) -> Mapping[str, Any]:
-    spec = {"container_name": service.name, **(service.spec or {})}
+    spec = {"container_name": service.name, **service.options}
     if secrets := _secrets(service):
         spec["environment"] = {k: v for k, v in spec["environment"].items() if k not in secrets}
     _write_parameters(writing, service, spec)
@@ -93,7 +93,7 @@ def _service(writing: Writing, service: Service, catalog: Catalog) -> Mapping[st
 
 def _secrets(service: Service) -> dict[str, str]:
     """The secret variables of its environment, with their values."""
-    return {k: v for k, v in (service.spec or {}).get("environment", {}).items() if k in service.secrets}
+    return {k: v for k, v in service.options.get("environment", {}).items() if k in service.secrets}
 
 
 def _write_secrets(writing: Writing, files: Mapping[str, Mapping[str, str]]) -> None:
@@ -178,7 +178,7 @@ def sections(kind: Kind, declared: Mapping[str, EngineObject], services: Iterabl
     objects = {name: _declared(one) for name, one in declared.items()}
     known = {one.called for one in declared.values()}
     named = _networks if kind == "network" else _volumes
-    for name in sorted({name for service in services for name in named(service.spec or {})} - known):
+    for name in sorted({name for service in services for name in named(service.options)} - known):
         key = name if name not in objects else f"{name}-external"
         objects[key] = {"name": name, "external": True} if kind == "network" else {"name": name}
     return dict(sorted(objects.items()))

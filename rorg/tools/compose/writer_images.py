@@ -48,7 +48,7 @@ def is_directory(image: Image) -> bool:
 
 def base_images(catalog: Catalog, services: Mapping[str, Service]) -> Iterator[Image]:
     """Images that are built only because other images need them."""
-    used = {declared(str((s.spec or {})["image"]), catalog.images) for s in services.values()}
+    used = {declared(str(s.options["image"]), catalog.images) for s in services.values()}
     for name, image in sorted(catalog.images.items()):
         if name not in used and image.context is not None and not is_directory(image):
             yield image

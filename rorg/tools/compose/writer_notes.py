@@ -125,7 +125,7 @@ def _policy(catalog: Catalog) -> Iterator[Note]:
 
 def _unhealthy(service: Service) -> Iterator[Note]:
     """Notes that Compose would wait forever for a service whose image has no health check."""
-    if condition(service.ready) == "service_healthy" and not (service.spec or {}).get("healthcheck"):
+    if condition(service.ready) == "service_healthy" and not service.options.get("healthcheck"):
         yield Note(service.name, "spec.ready", "healthy by the check that its image must have", lost=False)
 
 
