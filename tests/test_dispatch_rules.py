@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from rorg.core.dispatch import STUCK, DispatchLimits, Outcome, begin, finish, forget, freed_at, select
 from rorg.core.memory import STALLED_AFTER, InFlight, Memory, Progress
 from rorg.core.observed import Container, Observed
-from rorg.core.operations import Pause, Start, Stop
+from rorg.core.operations import Pause, Signal, Start, Stop
 from rorg.core.plan import Action
+from rorg.core.update import Update
 
 LIMITS = DispatchLimits(urgent=2, bulk=2, most=5)
 NOW = 100.0
@@ -46,6 +49,22 @@ def chosen(ready: str, busy: str = "", since: float = NOW - 1, limits: DispatchL
 )
 def test_urgent_work_has_slots_of_its_own_and_bulk_work_fewer_beside_it(ready, busy, begun):
     assert chosen(ready, busy) == begun.split()
+
+
+@pytest.mark.parametrize(
+    ("ready", "busy", "next_one"),
+    [
+        ("b1 b2 b3 b4", "", "b4"),
+        ("u1 u2 b1 b2 b3", "", "b3"),
+        ("b2 b3", "u1 b1", "b3"),
+        ("u3 b2 b3", "u1 u2 b1", "b2"),
+        ("b1 b2", "u1 u2 u3 u4 u5", "b2"),
+    ],
+)
+def test_the_rest_of_a_long_queue_is_not_looked_at(ready, busy, next_one):
+    queue = map(action, ready.split())
+    list(select(queue, {name: InFlight(action(name), NOW - 1) for name in busy.split()}, LIMITS, NOW))
+    assert next(queue).service == next_one
 
 
 def test_a_call_that_is_stuck_frees_its_slot_until_there_are_too_many():
@@ -112,6 +131,39 @@ def test_the_kind_of_a_failure_is_kept_until_a_success():
     tried = memory.of("arm").attempt(Start)
     assert (tried.missing, tried.spent, tried.unsupported, tried.at, tried.error) == (False, False, False, 0.0, "")
     assert memory.of("arm").error == ""
+
+
+def test_an_error_of_a_run_outlives_the_success_of_a_call():
+    crashed = Progress(exits=1, error="exit code 1")
+    memory = after(after(Memory({"arm": crashed}), PAUSE, "unable to freeze"), PAUSE)
+    assert memory.of("arm").error == "unable to freeze", "until the service runs again"
+    memory = after(Memory({"arm": crashed}), PAUSE)
+    assert memory.of("arm").error == "exit code 1"
+    assert memory.of("arm").attempt(Pause).at == 0.0
+
+
+def test_a_run_has_read_what_it_was_signalled_about():
+    signal = Signal(container="c1", signal="SIGHUP", incarnation="c1@now", content={"/map": "2"})
+    told = Action(0, signal, "arm")
+    before = Progress(update=Update(run="c1@now", content={"/map": "1"}))
+    assert after(Memory({"arm": before}), told).of("arm").update.content == {"/map": "2"}
+    assert after(Memory({"arm": before}), told, "no such process").of("arm").update.content == {"/map": "1"}
+    assert after(Memory({"arm": before}), PAUSE).of("arm").update.content == {"/map": "1"}
+    another = Progress(update=Update(run="c1@before", content={"/map": "1"}))
+    assert after(Memory({"arm": another}), told).of("arm").update.content == {"/map": "1"}
+
+
+def test_an_engine_that_refuses_the_start_of_a_trial_refuses_the_change():
+    trial = Action(0, replace(START.operation, trial="new"), "arm")
+    before = Progress(update=Update(edition="new"))
+    assert after(Memory({"arm": before}), trial, "bad option", refused=True).of("arm").update.failed
+    assert not after(Memory({"arm": before}), trial, "bad option").of("arm").update.failed
+
+
+def test_one_end_of_several_actions_leaves_the_others_under_way():
+    two = begin(Memory(), [START, action("other")], SEEN, NOW)
+    assert finish(two, [Outcome(START)], NOW).in_flight.keys() == {"other"}
+    assert finish(two, [Outcome(START), Outcome(action("gone"))], NOW).in_flight.keys() == {"other"}
 
 
 def test_a_success_leaves_the_error_of_another_operation():

@@ -60,6 +60,80 @@ def test_what_is_wrong_is_said_with_what_to_do(facts, name, status, remedy):
     assert found.message
 
 
+def test_what_is_well_is_told():
+    told = {check.name: check.message for check in examine(replace(SOUND, socket="/run/rorg/rorg.sock", cgroup=1))}
+    assert told == {
+        "engine": "Docker 20.10 answers at unix:///run/docker.sock",
+        "cgroup": "control groups v1",
+        "pressure": "the kernel reports pressure (PSI)",
+        "state-directory": "/var/lib/rorg",
+        "journal": "the history can be read",
+        "rorg": "rorg answers at /run/rorg/rorg.sock",
+        "git": "git version 2.39",
+        "clock": "it is synchronized",
+        "disk /": "50Gi of 100Gi are free",
+        "inotify": "files can be watched",
+    }
+    (clock,) = [c for c in examine(replace(SOUND, clock_synchronized=None)) if c.name == "clock"]
+    assert (clock.status, clock.message) == (OK, "the kernel does not say whether it is synchronized")
+    assert examine(SOUND)[0].as_json() == {
+        "check": "engine",
+        "status": "ok",
+        "message": "Docker 20.10 answers at unix:///run/docker.sock",
+        "remedy": "",
+    }
+
+
+@pytest.mark.parametrize(
+    ("space", "status", "message"),
+    [
+        (Space("/", 2 << 30, 4 << 30), OK, "2.0Gi of 4.0Gi are free"),
+        (Space("/", (2 << 30) - 1, 4 << 30), WARNING, "2.0Gi of 4.0Gi are free"),
+        (Space("/", 200 << 20, 4 << 30), WARNING, "200Mi of 4.0Gi are free"),
+        (Space("/", (200 << 20) - 1, 4 << 30), ERROR, "200Mi of 4.0Gi are free"),
+        (Space("/", 2 << 30, 4 << 30, 10_000), OK, "2.0Gi of 4.0Gi are free"),
+        (Space("/", 2 << 30, 4 << 30, 9_999), WARNING, "9999 more files can be created"),
+        (Space("/", 2 << 30, 4 << 30, 1), WARNING, "1 more files can be created"),
+    ],
+)
+def test_a_disk_is_judged_by_what_is_free(space, status, message):
+    (found,) = [c for c in examine(replace(SOUND, spaces=(space,))) if c.name == "disk /"]
+    assert (found.status, found.message) == (status, message)
+
+
+@pytest.mark.parametrize(
+    ("facts", "wrong"),
+    [
+        ({"sysctls": {}}, {}),
+        ({"sysctls": {"fs.inotify.max_user_watches": 16384, "fs.inotify.max_user_instances": 64}}, {}),
+        ({"open_files": 1024}, {}),
+        ({"open_files": 1023}, {"open-files": "1023 open files are allowed: many services need more"}),
+        (
+            {"sysctls": {"fs.inotify.max_user_watches": 16383, "fs.inotify.max_user_instances": 1}, "open_files": 1},
+            {
+                "inotify": "fs.inotify.max_user_watches is 16383: changes of files may be seen late",
+                "open-files": "1 open files are allowed: many services need more",
+            },
+        ),
+        (
+            {"sysctls": {"fs.inotify.max_user_instances": 63}},
+            {"inotify": "fs.inotify.max_user_instances is 63: changes of files may be seen late"},
+        ),
+    ],
+)
+def test_limits_are_judged_one_by_one(facts, wrong):
+    assert {c.name: c.message for c in examine(replace(SOUND, **facts)) if c.status != OK} == wrong
+
+
+def test_each_reason_why_options_are_without_effect_is_told_once():
+    lacks = {"cpus": "no cgroups", "mem_limit": "no cgroups", "ipc": "not supported"}
+    found = [c for c in examine(replace(SOUND, engine_lacks=lacks)) if c.name == "engine-lacks"]
+    assert [(c.status, c.message) for c in found] == [
+        (WARNING, "cpus, mem_limit: no cgroups"),
+        (WARNING, "ipc: not supported"),
+    ]
+
+
 def test_another_engine_needs_no_docker():
     found = examine(replace(SOUND, engine="process", engine_error="nobody"))
     assert {c.status for c in found} == {OK}

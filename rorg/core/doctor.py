@@ -139,8 +139,9 @@ def _limits(host: Installation) -> Iterator[Check]:
         if value is not None and value < least:
             message = f"{name} is {value}: changes of files may be seen late"
             yield Check("inotify", WARNING, message, f"`sysctl -w {name}={least * 4}`, and a file in /etc/sysctl.d")
-            return
-    yield Check("inotify", OK, "files can be watched")
+            break
+    else:
+        yield Check("inotify", OK, "files can be watched")
     if host.open_files < OPEN_FILES:
         message = f"{host.open_files} open files are allowed: many services need more"
         yield Check("open-files", WARNING, message, "`ulimit -n 65536`, or LimitNOFILE= of the unit")
