@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from rorg.core.admission import Admission, Admitted, admission_for, admit, effective_priorities, over_budget
+from rorg.core.admission import Admission, Admitted, admission_for, admit, over_budget
+from rorg.core.priorities import effective_priorities
 from rorg.core.wanted import wanted
 from rorg.model.catalog import Catalog, Group, Request, Service
+from rorg.model.graph import closure, conflicting
 from rorg.model.policy import Budget, Policy
 
 GPU = {"gpu": 1}
@@ -61,6 +66,23 @@ def test_a_loser_runs_though_two_that_need_it_lose_to_others():
         "push": "waits for right, which is taken by lift",
     }
     assert found.priorities == effective_priorities(catalog, found.wanted, found.requests)
+
+
+def test_what_comes_back_wins_over_what_matters_less_and_took_its_place():
+    """`dock` needs `base`, which lost to `camera`; `lamp` took what `dock` uses. Then `camera` itself loses."""
+    catalog = tree(
+        Service("base", exclusive={"can0": 1}),
+        Service("camera", exclusive={"can0": 1, "gpu": 1}, priority=90),
+        Service("tracker", exclusive=GPU, priority=95),
+        Service("dock", needs=("base",), exclusive={"light": 1}, priority=80),
+        Service("lamp", exclusive={"light": 1}, priority=10),
+    )
+    found = admitted(catalog, *map(ask, ("base", "camera", "tracker", "dock", "lamp")))
+    assert names(found) == {"base", "dock", "tracker"}
+    assert found.preempted == {
+        "camera": "waits for gpu, which is taken by tracker",
+        "lamp": "waits for light, which is taken by dock",
+    }
 
 
 def test_what_two_losers_request_gives_way_to_the_one_that_is_left():
@@ -152,6 +174,7 @@ def test_the_budget_is_exceeded_above_it_not_at_it():
     catalog = replace(catalog, policy=Policy(budget=QUEUE))
     assert over_budget(catalog, ["a", "b", "gone"]) == ""
     assert over_budget(catalog, "abc") == "2.0Gi would exceed the budget of 1.0Gi"
+    assert over_budget(tree(Service("a", cpu=1.0 + 1e-9), budget=QUEUE), "a") == "", "a sum of floats"
     assert over_budget(tree(Service("a", cpu=1.5), budget=QUEUE), "a") == "1.5 cores would exceed the budget of 1"
     assert over_budget(tree(Service("a", cpu=9.0), budget=Budget()), "a") == ""
     assert over_budget(tree(Service("a", cpu=9.0)), "a") == ""
@@ -164,6 +187,12 @@ def test_requests_that_do_not_fit_wait_by_priority():
     assert found.preempted == dict.fromkeys("ab", "waits for room: 1.6 cores would exceed the budget of 1")
     assert names(admitted(catalog, ask("a"), ask("b", priority=70), ask("c"))) == {"b"}
     assert names(admitted(catalog, ask("b"), ask("a"))) == {"b"}, "of equal ones the older one"
+
+
+@pytest.mark.parametrize("over", ["admit", "refuse"])
+def test_only_a_policy_that_says_so_lets_requests_queue(over):
+    catalog = tree(Service("a", cpu=0.8), Service("b", cpu=0.8), budget=replace(QUEUE, over=over))
+    assert names(admitted(catalog, ask("a"), ask("b"))) == {"a", "b"}
 
 
 def test_a_request_that_takes_no_room_is_admitted_though_the_budget_is_exceeded():
@@ -213,3 +242,138 @@ def test_an_admission_is_reused_while_what_it_depends_on_is_the_same():
     assert names(admission_for(first, catalog, requests, {"a": "held"}).admission) == set()
     other = tree(Service("a"), Service("b", always_on=True))
     assert names(admission_for(first, other, requests, {}).admission) == {"a", "b"}
+
+
+# -- any tree --------------------------------------------------------------------------------------------------
+
+
+def excluded_among(services: dict[str, Service], names: set[str]) -> bool:
+    """Whether these services can never all run."""
+    used = [resource for name in names for resource in services[name].exclusive]
+    return bool(conflicting(services, names)) or len(used) > len(set(used))
+
+
+@st.composite
+def contests(draw):
+    """A tree of services that need, conflict with and exclude each other, though none what it needs; and requests."""
+    found: dict[str, Service] = {}
+    for index in range(draw(st.integers(3, 7))):
+        earlier = st.lists(st.sampled_from(sorted(found)), max_size=2, unique=True) if found else st.just([])
+        resources = dict.fromkeys(draw(st.lists(st.sampled_from("abc"), max_size=2, unique=True)), 1)
+        one = Service(
+            f"s{index}", conflicts=tuple(draw(earlier)), exclusive=resources, priority=draw(st.integers(0, 3))
+        )
+        with_needs = replace(one, needs=tuple(draw(earlier)))
+        possible = not excluded_among({**found, one.name: one}, {one.name, *closure(found, with_needs.needs)})
+        found[one.name] = with_needs if possible else one
+    names = sorted(found)
+    unasked = draw(st.lists(st.sampled_from(names), max_size=2, unique=True))
+    requests = [ask(name) for name in names if name not in unasked]
+    pairs = draw(st.lists(st.tuples(st.sampled_from(names), st.sampled_from(names)), max_size=2, unique=True))
+    return tree(*found.values()), (*requests, *(ask(to, by=by, id=f"{by}>{to}") for by, to in pairs))
+
+
+def shown(catalog: Catalog, requests: tuple[Request, ...]) -> str:
+    """A case of test_who_is_left_of_several_contests."""
+    lines = [
+        " ".join(
+            [
+                s.name,
+                f"{s.priority}",
+                "".join(s.exclusive),
+                *(f">{n}" for n in s.needs),
+                *(f"!{n}" for n in s.conflicts),
+            ]
+        )
+        for s in catalog.services.values()
+    ]
+    return repr(("\n".join(lines[1:]), " ".join(r.id for r in requests)))
+
+
+def told_apart(catalog: Catalog, requests: tuple[Request, ...], found: Admission) -> None:
+    """What is admitted can run together. What is preempted could not run beside what matters as much, or would bring
+    something along that takes the place of what runs."""
+    services, running = catalog.services, set(found.wanted)
+    assert not excluded_among(services, running)
+    assert all(set(services[name].needs) <= running for name in running)
+    for name, why in found.preempted.items():
+        others = found.preempted.keys() - {name}
+        asked = wanted(catalog, requests, others)
+        if name not in asked:
+            continue
+        ranks, below = effective_priorities(catalog, asked, requests), closure(services, [name])
+        less = {n for n in running if found.priorities[n] < ranks[name]}
+        if name not in wanted(catalog, requests, others | less):
+            less = set()  # one of these asks for it
+        if not any(excluded_among(services, {b, r}) for b in asked.keys() - running - below for r in running):
+            case = shown(catalog, requests)
+            assert excluded_among(services, running - less | below), f"{name} could run: {why} {case}"
+
+
+@settings(max_examples=int(os.environ.get("RORG_TEST_EXAMPLES") or 300), deadline=None)
+@given(contests())
+def test_nobody_gives_way_to_nobody(case):
+    told_apart(*case, admit(*case, {}))
+
+
+def some(text: str) -> tuple[Service, ...]:
+    """Services by their name, priority, exclusive resources, >needs and !conflicts: "base 3 ac >x !y"."""
+    found = []
+    for line in text.splitlines():
+        name, priority, *words = line.split()
+        resources = dict.fromkeys("".join(w for w in words if w[0] not in ">!"), 1)
+        needs, rivals = (tuple(w[1:] for w in words if w[0] == mark) for mark in ">!")
+        found.append(Service(name, priority=int(priority), exclusive=resources, needs=needs, conflicts=rivals))
+    return tuple(found)
+
+
+@pytest.mark.parametrize(
+    ("services", "requests", "running"),
+    [
+        ("s0 0\ns1 0 a >s0\ns2 1\ns3 1 !s2 !s0\ns6 0 a", "s0 s1 s2 s3 s6", "s0 s1 s2"),
+        ("s0 0\ns1 0 ab >s0\ns2 1 ab !s0\ns3 2 b\ns4 0 a >s0", "s0 s1 s2 s3 s4", "s0 s3 s4"),
+        ("s0 0 c\ns1 0 !s0\ns2 0 !s0\ns3 1 c", "s0 s2 s3 s2>s1", "s1 s2 s3"),
+        ("s0 0\ns1 0\ns2 0 a\ns3 0 a\ns4 0 !s0\ns5 0 a >s0 !s3", "s1 s2 s3 s4 s5", "s1 s2 s4"),
+        ("s0 0\ns3 0 !s0\ns4 0 a >s3\ns5 1 a", "s4 s5 s3>s0", "s5"),
+        ("s0 0 a\ns1 0\ns3 1 a >s1\ns4 2 a !s1", "s0 s1 s2 s3 s4 s4>s0", "s4"),
+        ("s0 9 a\ns1 8 ab\ns2 7 bc\ns3 6 cd\ns4 5 d", "s0 s1 s2 s3 s4", "s0 s2 s4"),
+        ("s0 1\ns2 0 a\ns3 0 a\ns4 0 !s3\ns5 2 !s0", "s0 s2 s3 s4 s4>s5", "s2 s4 s5"),
+        ("s0 1 a\ns1 0\ns2 2 !s0 !s1\ns3 0 >s2\ns5 1 a !s3", "s0 s1 s3 s5", "s1 s5"),
+        ("s0 0\ns2 1 !s0", "s0 s0>s2 s2>s0", "s0"),
+        ("s0 0 a\ns1 0 a\ns2 0 a", "s0 s1 s2", "s0"),
+        ("s0 5 a\ns1 9\ns2 0 !s1", "s0 s2 s0>s1", "s0 s1"),
+        ("s0 5 a\ns1 9 b !s0", "s0 s0>s1", "s0"),
+        ("s0 5 a\ns1 9 ab", "s0 s0>s1", "s0"),
+    ],
+)
+def test_who_is_left_of_several_contests(services, requests, running):
+    """Found by random trees, and made as small as they go. `a>b` is a request of a for b."""
+    catalog, asked = tree(*some(services)), []
+    for text in requests.split():
+        by, _, name = text.rpartition(">")
+        asked += [ask(name, by=by or "developer", id=text)] if name in catalog.services else []
+    found = admitted(catalog, *asked)
+    assert names(found) == set(running.split())
+    told_apart(catalog, tuple(asked), found)
+
+
+def test_a_meta_service_takes_part_in_no_contest():
+    crew = Service("crew", meta=True, exclusive=GPU, conflicts=("arm",), priority=100)
+    found = admitted(tree(crew, Service("arm"), Service("camera", exclusive=GPU)), ask("arm"), ask("camera"))
+    assert set(found.wanted) == {"developer", "crew", "arm", "camera"}
+
+
+def test_what_was_turned_round_says_what_for():
+    catalog = tree(Service("arm", exclusive={"cam": 1, "gpu": 1}), Service("look", exclusive=GPU, priority=90))
+    found = admitted(catalog, ask("arm"), ask("look", by="arm"))
+    assert found.preempted == {"look": "waits for gpu, which is taken by arm, for which it was requested"}
+    catalog = tree(Service("arm", exclusive={"cam": 1}, conflicts=("look",)), Service("look", priority=90))
+    found = admitted(catalog, ask("arm"), ask("look", by="arm"))
+    assert found.preempted == {"look": "conflicts with arm, for which it was requested"}
+
+
+def test_what_is_held_and_not_asked_for_is_not_preempted():
+    found = admitted(tree(Service("a"), Service("b", needs=("a",))), b="held", a="held")
+    assert found.preempted == {}
+    found = admitted(tree(Service("a"), Service("b", needs=("a",))), ask("b"), b="held by you", a="held")
+    assert found.preempted == {"a": "held", "b": "held by you"}, "its own reason"

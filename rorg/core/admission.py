@@ -7,16 +7,14 @@ services do not flap.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 
-from rorg.core.wanted import Wanted, wanted
+from rorg.core.contests import settle_contests
+from rorg.core.wanted import Wanted
 from rorg.model.catalog import Catalog, Request
-from rorg.model.graph import closure, conflicting
+from rorg.model.graph import closure
 from rorg.model.units import format_memory
-
-PROTECTED = 101
-"""Effective priority of a protected service and of all that it needs: above every priority a manifest can set."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,166 +61,10 @@ def admit(catalog: Catalog, requests: Collection[Request], excluded: Mapping[str
     return _within_budget(catalog, requests, excluded)
 
 
-def _contest(catalog: Catalog, requests: tuple[Request, ...], excluded: Mapping[str, str]) -> Admission:
-    """Settle all contests without the budget.
-
-    First the losers of each contest go out, one contest after another. Then they come back, highest effective priority
-    first, if there is room for them after all: a winner may have been preempted itself.
-    """
-    preempted: dict[str, str] = {}
-    for name, why in excluded.items():
-        _give_way(catalog, preempted, name, why)
-    initial = dict(preempted)
-    admitted, priority, losses = _losers_go_out(catalog, requests, preempted)
-    for loss in sorted(losses, key=lambda p: (p[0], p[1].loser)):
-        if all(w in admitted for w in loss[1].winners):
-            continue  # its winners are still wanted
-        retried = _all_out(catalog, dict(initial), [c for _, c in losses if c is not loss[1]])
-        # Another contest may keep it out, its own or that of the service which needs it: that one is the reason.
-        candidate, retried_priority, others = _losers_go_out(catalog, requests, retried)
-        if (others or loss[1].loser in candidate) and set(admitted) <= set(candidate):
-            losses.remove(loss)
-            losses += others
-            admitted, priority, preempted = candidate, retried_priority, retried
-    asked = wanted(catalog, requests) if preempted else admitted
-    return Admission(admitted, {n: why for n, why in preempted.items() if n in asked}, priority, requests)
-
-
-def _losers_go_out(
-    catalog: Catalog, requests: tuple[Request, ...], preempted: dict[str, str]
-) -> tuple[Wanted, Mapping[str, int], list[tuple[int, Contest]]]:
-    """Settle one contest after another, and add the losers to `preempted`. Return (who is left, their effective
-    priorities, each loss with the loser's negated priority)."""
-    losses: list[tuple[int, Contest]] = []
-    while True:
-        admitted = wanted(catalog, requests, preempted)
-        priority = effective_priorities(catalog, admitted, requests)
-        contests = _contested(catalog, admitted, priority)
-        if not contests:
-            return admitted, priority, losses
-        without = wanted(catalog, requests, _all_out(catalog, dict(preempted), contests))
-        # Losers are sorted by priority: of several that request the winner, the last one is the first to go out.
-        self_defeating = next(((c, w) for c in reversed(contests) for w in c.winners if w not in without), None)
-        if self_defeating:
-            # Nobody is preempted by what it requests itself: its request would vanish, the winner would no longer be
-            # wanted, and the two would alternate for ever.
-            contests = [_turned_round(catalog, requests, preempted, *self_defeating)]
-        losses += [(-priority[c.loser], c) for c in contests]
-        _all_out(catalog, preempted, contests)
-
-
-def _give_way(catalog: Catalog, preempted: dict[str, str], name: str, why: str) -> None:
-    """Add a service and everything that needs it to `preempted`."""
-    if name in catalog.services and catalog.services[name].meta:
-        return
-    preempted.setdefault(name, why)
-    pending = [name]
-    while pending:
-        lost = pending.pop()
-        for dependant, service in catalog.services.items():
-            if lost in service.needs and dependant not in preempted and not service.meta:
-                preempted[dependant] = f"{name} {why}"
-                pending.append(dependant)
-
-
-def effective_priorities(catalog: Catalog, wanted_set: Wanted, requests: Collection[Request]) -> dict[str, int]:
-    """Return how much each wanted service matters: the highest of its own priority, that of a request for it, and those
-    of the services that request or need it. So what a navigation task needs is never shed before the task itself."""
-    requested: dict[tuple[str, str, str], int] = {}
-    for request in requests:
-        for name in (m for s in request.services for m in catalog.members(s)) if request.priority is not None else ():
-            key = (request.requester, request.id, name)
-            requested[key] = max(request.priority or 0, requested.get(key, 0))
-    priority: dict[str, int] = {}
-    for name, causes in wanted_set.items():
-        service = catalog.services[name]
-        candidates = [0 if service.meta else PROTECTED if service.protected else service.priority]
-        candidates += [requested[c.by, c.request, name] for c in causes if (c.by, c.request, name) in requested]
-        priority[name] = max(candidates)
-    wants: dict[str, list[str]] = {}
-    for name, causes in wanted_set.items():
-        for cause in causes:
-            wants.setdefault(cause.by, []).append(name)
-    # Highest first: each service then has its final priority when its turn comes.
-    for name in sorted(priority, key=lambda n: -priority[n]):
-        pending = [name]
-        while pending:
-            by = pending.pop()
-            for other in wants.get(by, ()):
-                if priority[other] < priority[by]:
-                    priority[other] = priority[by]
-                    pending.append(other)
-    return priority
-
-
-@dataclass(frozen=True, slots=True)
-class Contest:
-    """One service that cannot be active because of others."""
-
-    loser: str
-    why: str
-    winners: tuple[str, ...]
-
-
-def _all_out(catalog: Catalog, out: dict[str, str], contests: Iterable[Contest]) -> dict[str, str]:
-    for contest in contests:
-        _give_way(catalog, out, contest.loser, contest.why)
-    return out
-
-
-def _turned_round(
-    catalog: Catalog, requests: tuple[Request, ...], preempted: dict[str, str], contest: Contest, winner: str
-) -> Contest:
-    """Return the contest decided the other way if the winner is wanted only because of the loser."""
-    without = wanted(catalog, requests, _all_out(catalog, dict(preempted), [contest]))
-    if winner in without:
-        return contest  # the winner also depends on other losers; the next round handles those
-    holder, loser = catalog.services[contest.loser], catalog.services[winner]
-    shared = sorted(set(holder.exclusive) & set(loser.exclusive))
-    why = f"waits for {shared[0]}, which is taken by" if shared else "conflicts with"
-    return Contest(winner, f"{why} {holder.name}, for which it was requested", (holder.name,))
-
-
-def _contested(catalog: Catalog, active: Wanted, priority: Mapping[str, int]) -> list[Contest]:
-    """Return unsettled contests, each service losing at most once; empty when all of them can be active."""
-    return _conflict(catalog, active, priority) or _overbooked(catalog, active, priority)
-
-
-def _conflict(catalog: Catalog, active: Wanted, priority: Mapping[str, int]) -> list[Contest]:
-    """Settle the first conflict: higher effective priority wins, then the name.
-
-    New conflicts are refused when a request or manifest arrives. The ones seen here come from requests suspended with a
-    paused requester, and from conflicts declared later.
-    """
-    pairs = conflicting(catalog.services, [n for n in active if not catalog.services[n].meta])
-    if not pairs:
-        return []
-    first, second = sorted(pairs[0], key=lambda n: (-priority[n], n))
-    return [Contest(second, f"conflicts with {first}, which has priority", (first,))]
-
-
-def _overbooked(catalog: Catalog, active: Wanted, priority: Mapping[str, int]) -> list[Contest]:
-    """Return the losers for the first exclusive resource that is requested more often than it exists."""
-    users = [
-        n
-        for n in sorted(active, key=lambda n: (-priority[n], n))
-        if catalog.services[n].exclusive and not catalog.services[n].meta
-    ]
-    for resource in sorted({r for n in users for r in catalog.services[n].exclusive}):
-        left = catalog.policy.resources.get(resource, 1)
-        winners: list[str] = []
-        losers: list[Contest] = []
-        for name in users:
-            units = catalog.services[name].exclusive.get(resource, 0)
-            if units > left:
-                others = ", ".join(winners) or "nobody: there are too few"
-                losers.append(Contest(name, f"waits for {resource}, which is taken by {others}", tuple(winners)))
-            elif units:
-                winners.append(name)
-                left -= units
-        if losers:
-            return losers
-    return []
+def _contest(catalog: Catalog, requests: Collection[Request], excluded: Mapping[str, str]) -> Admission:
+    """Settle all contests without the budget."""
+    admitted, preempted, priorities = settle_contests(catalog, requests, excluded)
+    return Admission(admitted, preempted, priorities, tuple(requests))
 
 
 def expected(catalog: Catalog, names: Collection[str]) -> tuple[float, int]:

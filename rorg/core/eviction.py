@@ -9,11 +9,12 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from functools import cached_property
 
-from rorg.core.admission import PROTECTED, Admission
+from rorg.core.admission import Admission
 from rorg.core.inputs import Inputs
 from rorg.core.memory import Memory
 from rorg.core.observed import ASLEEP
 from rorg.core.pressure import NONE, PATIENCE, Chances, Victim, advance, excess, helps, without
+from rorg.core.priorities import PROTECTED
 from rorg.core.situation import Measures
 from rorg.core.wanted import wanted
 from rorg.model.catalog import Catalog

@@ -184,7 +184,7 @@ DEFECTS_OF_RUNS = (
     ),
     Defect(
         "conflicts are not settled",
-        "core/admission.py",
+        "core/contests.py",
         "    return _conflict(catalog, active, priority) or _overbooked(catalog, active, priority)\n",
         "    return _overbooked(catalog, active, priority)\n",
         (SERVED, RIVALS, TOGETHER, "only rivals that fit are wanted"),
@@ -214,7 +214,7 @@ DEFECTS_OF_RUNS = (
     ),
     Defect(
         "exclusive resources are not settled",
-        "core/admission.py",
+        "core/contests.py",
         "    return _conflict(catalog, active, priority) or _overbooked(catalog, active, priority)\n",
         "    return _conflict(catalog, active, priority)\n",
         (SERVED, RIVALS, TOGETHER, "only rivals that fit are wanted"),

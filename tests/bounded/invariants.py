@@ -14,10 +14,10 @@ from bounded import actions, resting
 from bounded.registry import INVARIANTS, Invariant, Violation, at, check
 from bounded.watch import EXACT, Watch, lease_of
 
-from rorg.core.admission import PROTECTED
 from rorg.core.decide import Decision, decide
 from rorg.core.inputs import Inputs
 from rorg.core.pressure import excess, helps
+from rorg.core.priorities import PROTECTED
 from rorg.daemon.snapshot import snapshot
 from rorg.model.graph import closure, conflicting, overbooked
 from rorg.model.units import parse_time

@@ -96,7 +96,7 @@ def test_a_mutant_is_killed_survives_or_hangs():
         named("gates.py", "until is not None and until > view.now -> False"): "killed",
         named("pressure.py", "0.02 -> 1.02"): "killed",
         named("pressure.py", "False -> True", 1): "killed",
-        named("admission.py", "101 -> 102"): "survived",
+        named("priorities.py", "101 -> 102"): "survived",
         named("pressure.py", "level -= 1 -> pass"): "timeout",
     }
     rules = "tests/test_pressure_rules.py::test_"
