@@ -14,6 +14,7 @@ from bounded import actions, resting
 from bounded.registry import INVARIANTS, Invariant, Violation, at, check
 from bounded.watch import EXACT, Watch, lease_of
 
+from rorg.core.admission import Admitted
 from rorg.core.decide import Decision, decide
 from rorg.core.inputs import Inputs
 from rorg.core.pressure import excess, helps
@@ -37,7 +38,7 @@ def a_kept_pass_decides_as_a_fresh_one(watch: Watch) -> None:
 
 def same_as_anew(read: Inputs, found: Decision) -> None:
     """What is kept from one pass for the next one changes nothing but the time that it takes."""
-    anew = decide(replace(read, cache=None, memory=replace(read.memory, admitted=None)))
+    anew = decide(replace(read, cache=None, memory=replace(read.memory, admitted=Admitted())))
     assert found.plan == anew.plan, f"{found.plan.text()}\nanew:\n{anew.plan.text()}"
     assert found.begin == anew.begin
     assert found.memory == replace(anew.memory, admitted=found.memory.admitted)
