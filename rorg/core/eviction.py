@@ -68,9 +68,9 @@ def _beginning(memory: Memory, states: Mapping[str, str], load: Load) -> bool:
 
 
 def _useful(victims: Victims, lower: Collection[str]) -> frozenset[str]:
-    """Return the measures that would help now: they change something that uses what is short."""
-    limits, services = victims.catalog.policy.pressure, victims.catalog.services
-    admission, states, use = victims.admission, victims.states, victims.use
+    """Return the measures that would help now: they change something that uses what is short. To close admission
+    always helps, because it holds back requests that are yet to come."""
+    services, admission, states, use = victims.catalog.services, victims.admission, victims.states, victims.use
     idle = [n for n in states if n in services and n not in admission.wanted]
     lingering = [n for n in idle if states[n] == "running" and n not in admission.preempted]
 
@@ -81,18 +81,22 @@ def _useful(victims: Victims, lower: Collection[str]) -> frozenset[str]:
         "lower-shares": helped([n for n in lower if states.get(n) == "running"], ()),
         "end-lingering": helped(lingering, [n for n in lingering if not services[n].idle.keeps_run]),
         "stop-paused": helped((), [n for n in idle if states[n] in ASLEEP]),
-        "close-admission": limits is not None and any(r < limits.admit for r in admission.priorities.values()),
+        "close-admission": True,
     }
     return frozenset(name for name, is_useful in useful.items() if is_useful)
+
+
+def _priorities(catalog: Catalog, admission: Admission) -> Mapping[str, int]:
+    """Return the effective priorities of wanted services that have a container here."""
+    return {n: r for n, r in admission.priorities.items() if catalog.services[n].spec is not None}
 
 
 def _below_the_top(catalog: Catalog, admission: Admission) -> frozenset[str]:
     """Return wanted services that matter less than the most important one. Services with an interlock are left out:
     asking the hardware for permission is too much for a change of CPU shares."""
-    services = catalog.services
-    priorities = {n: r for n, r in admission.priorities.items() if services[n].spec is not None}
+    priorities = _priorities(catalog, admission)
     top = max(priorities.values(), default=0)
-    return frozenset(n for n, r in priorities.items() if r < min(top, PROTECTED) and not services[n].interlock)
+    return frozenset(n for n, r in priorities.items() if r < min(top, PROTECTED) and not catalog.services[n].interlock)
 
 
 class Victims:
@@ -137,9 +141,8 @@ class Victims:
         needed = {need for name in active for need in services[name].needs}
         return [
             n
-            for n, priority in self.admission.priorities.items()
+            for n, priority in _priorities(self.catalog, self.admission).items()
             if priority < PROTECTED
-            and services[n].spec is not None
             and self.states.get(n) in ("running", *ASLEEP)
             and n not in askers
             and n not in needed
