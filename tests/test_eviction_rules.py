@@ -220,7 +220,11 @@ def test_paused_services_are_stopped_if_memory_is_short():
 
 def test_admission_is_closed_whoever_runs():
     """Requests of services that matter less may be yet to come."""
-    assert Robot(made("arm", priority=100)).measures() == Robot().measures() == [CLOSE]
+    arm = made("arm", priority=100)
+    assert Robot(arm).measures() == [CLOSE]
+    nobody = replace(POLICY, pressure=replace(POLICY.pressure, admit=0))
+    assert Robot(arm, policy=nobody).measures() == [], "it would keep nobody out"
+    assert Robot(arm, policy=replace(nobody, pressure=replace(POLICY.pressure, admit=1))).measures() == [CLOSE]
 
 
 # -- the state -------------------------------------------------------------------------------------------------

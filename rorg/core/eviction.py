@@ -19,6 +19,7 @@ from rorg.core.situation import Measures
 from rorg.core.wanted import wanted
 from rorg.model.catalog import Catalog
 from rorg.model.load import Load
+from rorg.model.policy import Thresholds
 
 ALIVE = frozenset(("running", "restarting", *ASLEEP))
 
@@ -41,7 +42,7 @@ def evict(memory: Memory, victims: Victims, back: Mapping[str, int], suspended: 
         # Forget shed services that nothing wants any more, and those that have become protected since.
         state = without(state, [s.service for s in state.shed if not 0 <= back.get(s.service, -1) < PROTECTED])
         chances = Chances(
-            _useful(victims, lower),
+            _useful(victims, lower, policy.pressure),
             victims.next_one,
             any(states.get(s.service) in ALIVE for s in state.shed),
             load is not None and _beginning(memory, states, load),
@@ -67,9 +68,9 @@ def _beginning(memory: Memory, states: Mapping[str, str], load: Load) -> bool:
     return any(since is not None and load.at - since < PATIENCE for since in (*calls, *runs))
 
 
-def _useful(victims: Victims, lower: Collection[str]) -> frozenset[str]:
+def _useful(victims: Victims, lower: Collection[str], limits: Thresholds) -> frozenset[str]:
     """Return the measures that would help now: they change something that uses what is short. To close admission
-    always helps, because it holds back requests that are yet to come."""
+    helps whoever runs, because it holds back requests that are yet to come."""
     services, admission, states, use = victims.catalog.services, victims.admission, victims.states, victims.use
     idle = [n for n in states if n in services and n not in admission.wanted]
     lingering = [n for n in idle if states[n] == "running" and n not in admission.preempted]
@@ -81,7 +82,7 @@ def _useful(victims: Victims, lower: Collection[str]) -> frozenset[str]:
         "lower-shares": helped([n for n in lower if states.get(n) == "running"], ()),
         "end-lingering": helped(lingering, [n for n in lingering if not services[n].idle.keeps_run]),
         "stop-paused": helped((), [n for n in idle if states[n] in ASLEEP]),
-        "close-admission": True,
+        "close-admission": limits.admit > 0,
     }
     return frozenset(name for name, is_useful in useful.items() if is_useful)
 
