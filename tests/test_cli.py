@@ -134,6 +134,19 @@ def test_request_why_release_with_a_running_loop(shell):
     shell("logs", "navigation")
 
 
+def test_what_a_service_waits_for_reads_as_a_sentence(shell):
+    gpu = {"exclusive": ["gpu"]}
+    write_tree(shell.tree, {"base": {"always_on": True}, "camera": gpu, "tracker": {**gpu, "priority": 90}})
+    shell.run()
+    for name in ("camera", "tracker"):
+        shell("request", name, "--id", name)
+    wait_for(lambda: "tracker" in shell.active() and "camera" not in shell.active())
+    lines = shell("why", "camera").stdout.splitlines()
+    assert lines[1:] == ["  it waits for gpu, which is taken by tracker"]
+    shell("hold", "tracker", "--for", "10m", "--yes")
+    assert shell("why", "tracker").stdout.splitlines()[-1].startswith("  it waits: held until ")
+
+
 def test_requests_that_cannot_be_accepted(shell):
     shell.run()
     assert "'navigation'" in shell("request", "navigaton", code=2).stderr

@@ -50,7 +50,7 @@ def _texts(entry: Why) -> list[str]:
             lines.append("  no request names it")
         if entry["needed_by"]:
             lines.append(f"  no service that needs it is active: {', '.join(entry['needed_by'])}")
-    lines += [f"  it waits: {reason}" for reason in entry["waits"]]
+    lines += [f"  it {reason}" if reason.startswith("waits ") else f"  it waits: {reason}" for reason in entry["waits"]]
     lines += [f"  caution: {text}" for text in entry["cautions"]]
     return lines
 
