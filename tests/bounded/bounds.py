@@ -18,8 +18,11 @@ BOUNDS = (
     Bound(services=1, features=1, steps=3, asked=True, pauses=(0.03,)),
     Bound(services=1, features=0, steps=6, asked=True, pauses=(0.03,)),
     Bound(services=4, features=0, steps=2, asked=True, pauses=(0.03,)),
+    Bound(services=1, features=2, steps=3, asked=True, pauses=(0.03,)),
+    Bound(services=2, features=2, steps=2, asked=True, pauses=(0.03,)),
+    Bound(services=3, features=1, steps=2, asked=True, pauses=(0.03,)),
 )
-SLICE = (9, 4, 4, 1, 4)
+SLICE = (9, 4, 4, 1, 4, 1, 2, 2)
 """Worlds of each bound that a slice takes, and"""
 SAMPLE = 7
 """steps that it takes of each of their states."""
