@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import pytest
 from robots import VirtualRobot
+from situations import BASE, EARLIER, PROBED, RUN, box, situation
 
-from rorg.core.memory import ProbeResult, Progress, delay, together
-from rorg.core.schedule import Schedule, Target, denied_since, told_since
+from rorg.core.digest import Rules, labels
+from rorg.core.incremental import plan_all
+from rorg.core.memory import Memory, ProbeResult, Progress, delay, together
+from rorg.core.observed import LABEL_RULES
+from rorg.core.pressure import Pressure
+from rorg.core.schedule import Schedule, Target, denied_since, interlocks, schedule, told_since
+from rorg.core.update import Update
+from rorg.model.catalog import Service
+from rorg.model.probe import Probe
+from rorg.model.ros import RosParameters
 
 HTTP = {"ready": {"tcp": 1234, "interval": "200ms"}}
 
@@ -109,3 +119,137 @@ def test_answers_to_several_questions_are_one(robot):
     assert together(probe, [no, no]) == no, "the same answer is told once"
     assert not together(probe, [yes, None]).ok
     assert together(probe, [yes, None]).message.endswith("has not answered yet")
+
+
+# -- one service, in each situation ----------------------------------------------------------------------------
+
+RUNS = Progress(incarnation=RUN, running_since=EARLIER, update=Update(edition="e", baked="e"))
+READY = replace(RUNS, ready=True, was_ready=True, well_since=EARLIER, answered=95.0)
+LIVE = replace(PROBED, live=Probe("tcp", 81, interval=2.0))
+CHECKED = replace(PROBED, ready=replace(PROBED.ready, failures=3))
+
+
+def scheduled(
+    *services: Service,
+    known: Progress = RUNS,
+    asked: dict[str, float] | None = None,
+    kept: Schedule | None = None,
+    **more: Any,
+) -> Schedule:
+    more = {"seen": (box(),), "known": {"base": known}, **more}
+    return schedule(kept, plan_all(situation(*services, **more)), asked or {})
+
+
+def probes(*services: Service, **more: Any) -> dict[str, tuple[float, float | None]]:
+    """Role -> (seconds between two questions, since when an answer is waited for)."""
+    return {role: (t.every, t.asked) for (_, role), t in scheduled(*services, **more).targets.items()}
+
+
+def test_readiness_is_asked_until_it_is_told():
+    assert probes(PROBED) == {"ready": (0.25, None)}
+    assert probes(PROBED, known=READY) == {}
+    assert probes(PROBED, known=replace(RUNS, running_since=None), seen=(box(state="exited"),)) == {}
+    assert probes(PROBED, wanted={}) == {}
+    assert probes(replace(BASE, ready=Probe("delay", 5.0))) == {}
+    assert probes(BASE) == {}
+
+
+def test_readiness_that_can_be_lost_is_asked_on_more_slowly():
+    assert probes(CHECKED, known=READY) == {"ready": (1.0, None)}
+    slow = replace(CHECKED, ready=replace(CHECKED.ready, interval=4.0))
+    assert probes(slow, known=READY) == {"ready": (4.0, None)}
+    assert probes(CHECKED) == {"ready": (0.25, None)}
+
+
+def test_who_waits_has_it_asked_again():
+    assert probes(PROBED, known=READY, asked={"base": 96.0}) == {"ready": (0.25, 96.0)}
+    assert probes(PROBED, known=READY, asked={"base": 95.0}) == {}, "that was answered"
+    assert probes(PROBED, known=replace(READY, answered=None), asked={"base": 96.0}) == {}, "nothing is known to be old"
+    unproven = replace(READY, unproven_since=98.0)
+    assert probes(PROBED, known=unproven) == {"ready": (0.25, 98.0)}
+    assert probes(PROBED, known=unproven, asked={"base": 99.0}) == {"ready": (0.25, 99.0)}
+    assert probes(CHECKED, known=unproven) == {"ready": (0.25, 98.0)}
+
+
+def test_what_was_ready_is_asked_whether_it_lives():
+    assert probes(LIVE) == {"ready": (0.25, None)}
+    assert probes(LIVE, known=READY) == {"live": (2.0, None)}
+    assert probes(LIVE, known=replace(READY, unproven_since=98.0))["live"] == (2.0, 98.0)
+
+
+LOCKED = replace(BASE, interlock=Probe("tcp", "82", interval=3.0))
+
+
+def test_an_interlock_is_asked_only_before_something_may_be_done():
+    assert probes(LOCKED, known=READY) == {}
+    assert probes(LOCKED, known=READY, restarts={"base": RUN}) == {"interlock": (3.0, None)}
+    pressed = Memory({"base": READY}, pressure=Pressure(level=1))
+    assert probes(LOCKED, memory=pressed) == {"interlock": (3.0, None)}
+    idle = Memory({"base": replace(READY, running_since=None, ready=False)}, pressure=Pressure(level=1))
+    assert probes(LOCKED, memory=idle, wanted={}, seen=(box(state="exited"),)) == {}
+
+
+def test_the_interlock_of_what_is_declared_no_more_is_on_its_label():
+    rules = labels("robot", "gone", {}, "", Rules(interlock=LOCKED.interlock))[LABEL_RULES]
+    left = box("gone", rules=rules)
+    assert probes(BASE, seen=(box(), left), known=READY)["interlock"] == (3.0, None)
+    found = situation(BASE, seen=(box(), left))
+    assert interlocks(found.desired, found.observed) == {"gone": LOCKED.interlock}
+    named = situation(LOCKED, seen=(box(rules=rules),))
+    assert interlocks(named.desired, named.observed) == {"base": LOCKED.interlock}
+    assert probes(BASE, seen=(box(), box("gone")), known=READY) == {}
+
+
+def test_parameters_are_set_before_the_start_or_at_a_running_program():
+    ros1 = replace(BASE, ros=RosParameters("ros", {"/a": 1}))
+    idle = {"seen": (box(state="exited"),), "known": Progress(stopped=(RUN,))}
+    (target,) = scheduled(ros1, **idle).targets.values()
+    assert (target.anew, target.every, target.longest, target.values) == (True, 1.0, 8.0, {"/a": 1})
+    assert scheduled(ros1, known=READY).targets, "it runs without them"
+    assert not scheduled(ros1, known=READY, wanted={}).targets
+    assert not scheduled(BASE, **idle).targets
+
+
+@pytest.mark.parametrize(
+    ("service", "known", "times"),
+    [
+        (BASE, READY, set()),
+        (replace(BASE, ready=Probe("delay", 15.0)), RUNS, {105.0}),
+        (replace(BASE, ready=Probe("delay", 15.0)), READY, set()),
+        (replace(BASE, ready=Probe("delay", 15.0)), replace(RUNS, running_since=None), set()),
+        (PROBED, RUNS, {120.0}),
+        (PROBED, READY, set()),
+        (PROBED, replace(READY, update=Update(edition="e")), {92.0, 122.0}),
+        (BASE, replace(READY, well_since=90.5, update=Update(edition="e")), {93.0}),
+    ],
+)
+def test_what_is_due_later_is_known(service, known, times):
+    found = scheduled(service, known=known).times.get("base", ())
+    assert times <= set(found)
+    assert bool(found) is bool(times)
+
+
+def test_a_verdict_says_which_container_must_be_looked_at():
+    unproven = replace(READY, unproven_since=98.0)
+    assert scheduled(BASE, known=unproven).looks == {"base": ("base", 98.0)}
+    assert scheduled(BASE, known=READY).looks == {}
+    assert scheduled(BASE, known=unproven, seen=()).looks == {}
+
+
+def test_only_what_was_planned_or_is_waited_for_is_scheduled_anew():
+    before = scheduled(PROBED, known=READY)
+    planned = plan_all(situation(PROBED, seen=(box(),), known={"base": READY}))
+    unplanned = replace(planned, replanned=())
+    assert schedule(before, unplanned, {"base": 96.0}).targets.keys() == {("base", "ready")}
+    asked = schedule(before, unplanned, {"base": 96.0})
+    assert schedule(asked, unplanned, {}).targets == {}
+    assert schedule(before, unplanned, {"gone": 96.0}).targets == {}
+    other = replace(before, targets={("base", "live"): target_of(LIVE)})
+    assert schedule(other, unplanned, {}).targets == other.targets, "nothing about it has changed"
+    assert schedule(replace(other, engaged=True), unplanned, {}).targets == {}, "all is scheduled anew"
+    assert schedule(other, replace(planned, replanned=("base",)), {}).targets == {}
+
+
+def target_of(service: Service) -> Target:
+    assert service.live is not None
+    return Target(service.live, RUN, 2.0)
