@@ -46,8 +46,8 @@ def settle_contests(
         candidate, its_priority, others = _losers_go_out(catalog, requests, retried)
         returns, displaces = loss[1].loser in candidate, not admitted.keys() <= candidate.keys()
         new = loss[1] not in undone
-        # It returns, though others may lose to it then: not twice, since each of several may have lost to another one.
-        # Or another contest keeps it out, its own or that of the service which needs it: that one is the reason.
+        # The loser returns, and others may now lose to it. It displaces them only once: in a ring, each would displace
+        # the next for ever. If another contest keeps it out, that one becomes the reason.
         if (returns and (new or not displaces)) or (others and new and not displaces):
             undone.add(loss[1])
             losses = [*(one for one in losses if one is not loss), *others]
