@@ -52,7 +52,7 @@ $(VENV)/fuzz-guided/installed: $(VENV)/test-installed
 # Each property of the planner with many random examples, of which `make test` tries a few: EXAMPLES=20000 takes 30 to 45
 # minutes for each. A failure names its seed, and RORG_TEST_SEED=N draws the same examples again.
 properties: $(VENV)/test-installed
-	RORG_TEST_EXAMPLES=$(or $(EXAMPLES),1000) $(BIN)/pytest tests/test_properties.py $(ARGS)
+	RORG_TEST_EXAMPLES=$(or $(EXAMPLES),1000) $(BIN)/pytest -s tests/test_properties.py $(ARGS)
 
 # rorg is killed at every effect it has (each write, call of the engine, commit, answer to a client), in every scenario of
 # tests/proof, on an engine that outlives it; at some of them the rorg that follows is killed too. Then defects are

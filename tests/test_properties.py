@@ -11,6 +11,8 @@ import copy
 import json
 import os
 import tempfile
+import time
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -49,6 +51,18 @@ REST = 200.0
 """Seconds after the last disturbance; longer than every linger, lease, hold and time of calm together."""
 PATIENCE = 10.0
 """Seconds between passes, after the last disturbance, while probes say what they said before."""
+
+
+COUNTED = Counter[str]()
+"""Steps that were taken, and passes of the loop."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def counts():
+    """Tells them at the end, with `-s`."""
+    began = time.monotonic()
+    yield
+    print(f"\n{COUNTED['steps']} steps, {COUNTED['passes']} passes, {time.monotonic() - began:.0f} s")
 
 
 HARDER = {"deactivate": ["pause", "stop", "remove"], "pause": ["stop", "remove"], "stop": ["remove"]}
@@ -344,17 +358,18 @@ def live_through(specs, policy, events, uses=None, learned=None):
         except Invalid:
             reject()  # by chance all of it could never be active together
         robot.learned = learned
-        time = 0.0
+        end = 0.0
         for verb, name, pause in events:
-            time += pause
-            robot.at(time, lambda verb=verb, name=name: disturb(robot, verb, name, world))
-        robot.at(time, lambda: robot.locked.clear())
-        robot.at(time, lambda: [robot.engine.objects.pop(k) for k, o in [*robot.engine.objects.items()] if not o.owner])
-        robot.at(time, lambda: setattr(robot, "patience", PATIENCE))
-        robot.at(time + REST, lambda: None)
+            end += pause
+            robot.at(end, lambda verb=verb, name=name: disturb(robot, verb, name, world))
+        robot.at(end, lambda: robot.locked.clear())
+        robot.at(end, lambda: [robot.engine.objects.pop(k) for k, o in [*robot.engine.objects.items()] if not o.owner])
+        robot.at(end, lambda: setattr(robot, "patience", PATIENCE))
+        robot.at(end + REST, lambda: None)
         watch = Watch(robot, check)
-        robot.run(lambda r: watch.passed() and r.now >= time + REST, time + 2 * REST)
+        robot.run(lambda r: watch.passed() and r.now >= end + REST, end + 2 * REST)
         check("rest", watch)
+        COUNTED["passes"] += watch.passes
 
 
 class World:
@@ -388,6 +403,7 @@ class World:
 
 def disturb(robot: SimRobot, verb: str, name: str, world: World) -> None:
     """Something that happens to a robot. What is impossible at the moment does not happen."""
+    COUNTED["steps"] += 1
     if verb in ("replace", "always_on", "needs", "refused", "dies", "revert"):
         rewrite(robot, verb, name, world)
     elif verb in ("network", "volume", "undeclare", "declare", "theirs", "unnet", "no_network"):
