@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import pytest
 
-from rorg.core.masking import MASK, Masker, forms, hidden, secrets
-from rorg.model.catalog import SHORTEST_SECRET, Catalog, Service
+from rorg.core.masking import MASK, Masker, forms, hidden, masked, secrets
+from rorg.model.catalog import SHORTEST_SECRET, Catalog, Image, Service
 
 
 def catalog(**values: dict[str, str]) -> Catalog:
@@ -90,3 +91,81 @@ def test_every_spelling_is_looked_for_the_longest_first():
     assert list(found) == sorted(found, key=lambda f: (-len(f), f))
     assert all(len(form) >= SHORTEST_SECRET for form in forms(["ab\nlong secret"]))
     assert hidden("abcdef abc", ("abcdef", "abc")) == f"{MASK} {MASK}"
+
+
+@pytest.mark.parametrize(
+    ("words", "shown"),
+    [
+        (["sshpass", "-p", "hunter22", "ssh"], ["sshpass", "-p", "***", "ssh"]),
+        (["/usr/bin/sshpass", "-phunter22"], ["/usr/bin/sshpass", "-p***"]),
+        (["sshpass", 5, "-p", 7, None], ["sshpass", 5, "-p", "***", None]),
+        (["nginx", "-p", "8080"], ["nginx", "-p", "8080"]),
+        (["run", "--token", "hunter22", "--port", "80"], ["run", "--token", "***", "--port", "80"]),
+        (["redis-cli", "-a", "hunter22"], ["redis-cli", "-a", "***"]),
+        (["curl", "-u", "me:hunter22", "url"], ["curl", "-u", "***", "url"]),
+        (["sh", "-c", "curl -u me:hunter22 url; nginx -p 80"], ["sh", "-c", "curl -u *** url; nginx -p 80"]),
+        ([], []),
+    ],
+)
+def test_words_of_a_command_are_masked_by_the_option_before(words, shown):
+    assert masked("command", words) == shown
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("mysql -phunter22 -h db", "mysql -p*** -h db"),
+        ("mysql -p hunter22 ; psql -p 5432", "mysql -p *** ; psql -p 5432"),
+        ("mysqldump db", "mysqldump db"),
+        ("mysql -p", "mysql -p"),
+        ("curl -u me:x a | curl -u me:y b", "curl -u *** a | curl -u *** b"),
+        ("Authorization: Bearer abc", "Authorization: Bearer ***"),
+        ("amqp://me:hunter22@host/x", "amqp://me:***@host/x"),
+        ("TOKEN=abc run", "TOKEN=*** run"),
+        ("password: abc", "password: ***"),
+        ("/a:/token:ro", "/a:/token:ro"),
+    ],
+)
+def test_a_text_is_masked_by_its_form(text, shown):
+    assert masked("command", text) == shown
+
+
+def test_values_are_masked_by_the_name_of_their_field():
+    assert masked("environment.MODE", "fast") == "***"
+    assert [masked("environment.N", plain) for plain in ("1", "true", "off", "", None)] == [
+        "1",
+        "true",
+        "off",
+        "",
+        None,
+    ]
+    assert masked("environment.N", 1) == "***"
+    assert masked("api_key", "x") == masked("api_key", ["x"]) == "***"
+    assert masked("labels", {"token": "x", "team": "arm"}) == {"token": "***", "team": "arm"}
+    assert masked("cpus", 2.0) == 2.0
+
+
+def test_names_that_managed_services_chose_expose_no_secret():
+    """Such a name makes no secret sayable, and is shown itself."""
+    secret = "hunter22"
+    keeper = Service("keeper", spec={"environment": {"TOKEN": secret}}, secrets=("TOKEN",), may_manage=("guest-*",))
+    guest = Service(f"guest-{secret}", spec={"image": "x"})
+    masker = Masker()
+    masker.learn(Catalog({s.name: s for s in (keeper, guest)}))
+    assert masker.text(f"{guest.name} says {secret}") == f"{guest.name} says ***"
+    masker = Masker()
+    masker.learn(Catalog({s.name: s for s in (replace(keeper, may_manage=()), guest)}))
+    assert masker.text(f"{guest.name} says {secret}") == f"{guest.name} says {secret}", "rorg must be able to say it"
+
+
+def test_secrets_of_images_belong_to_what_is_built_from_them():
+    image = Image("base", None, "", {"KEY": "hunter22"}, None, "", bases=("base", "other"), secrets=("KEY",))
+    above = Image("arm", None, "", {}, None, "", bases=("base",))
+    service = Service("arm", spec={"image": "arm:latest"})
+    masker = Masker()
+    masker.learn(
+        Catalog({"arm": service, "map": Service("map", spec={"image": "x"})}, images={"base": image, "arm": above})
+    )
+    assert masker.of("arm").text("hunter22") == "***"
+    assert masker.of("map").text("hunter22") == "hunter22"
+    assert masker.text("hunter22") == "***"
