@@ -67,6 +67,10 @@ def test_the_rest_of_a_long_queue_is_not_looked_at(ready, busy, next_one):
     assert next(queue).service == next_one
 
 
+def test_a_list_of_actions_will_do():
+    assert [a.service for a in select([action("b1"), action("b2")], {}, LIMITS, NOW)] == ["b1", "b2"]
+
+
 def test_a_call_that_is_stuck_frees_its_slot_until_there_are_too_many():
     assert chosen("b3 b4 b5", "b1 b2", since=NOW - STUCK + 0.1) == []
     assert chosen("b3 b4 b5", "b1 b2", since=NOW - STUCK) == ["b3", "b4"]

@@ -123,7 +123,7 @@ def test_what_is_protected_or_locked_or_has_no_container_stays():
 
 def test_shedding_takes_along_what_only_that_service_asked_for():
     tour = made("tour", priority=10)
-    lidar = made("lidar", always_on=False)
+    lidar = made("lidar", always_on=False, cpu=1.0)
     robot = Robot(tour, lidar, requests=(Request("r", "tour", ("lidar",)),))
     assert robot.victims.victim("tour") == ("tour", 2.0, 200 << 20)
     assert robot.victims.victim("lidar") == ("lidar", 1.0, 100 << 20)
