@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from dataclasses import replace
 
 import pytest
@@ -301,6 +302,8 @@ def told_apart(catalog: Catalog, requests: tuple[Request, ...], found: Admission
         asked = wanted(catalog, requests, others)
         if name not in asked:
             continue
+        named = re.findall(r"(?:taken by|conflicts with) (s\d(?:, s\d)*)", why)
+        assert {n for names in named for n in names.split(", ")} <= running, f"{name} {why} {shown(catalog, requests)}"
         ranks, below = effective_priorities(catalog, asked, requests), closure(services, [name])
         less = {n for n in running if found.priorities[n] < ranks[name]}
         if name not in wanted(catalog, requests, others | less):

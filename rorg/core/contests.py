@@ -53,6 +53,8 @@ def settle_contests(
             losses = [*(one for one in losses if one is not loss), *others]
             admitted, priority, preempted = candidate, its_priority, retried
             pending = _in_vain(losses, admitted)
+    if _in_vain(losses, admitted):
+        preempted = _all_out(catalog, dict(initial), [_as_it_stands(catalog, c, admitted, priority) for _, c in losses])
     asked = wanted(catalog, requests) if preempted else admitted
     return admitted, {n: why for n, why in preempted.items() if n in asked}, priority
 
@@ -61,6 +63,14 @@ def _in_vain(losses: Iterable[Loss], admitted: Wanted) -> list[Loss]:
     """Return the losses to services that are not active either, those of highest priority first."""
     vain = [loss for loss in losses if not all(w in admitted for w in loss[1].winners)]
     return sorted(vain, key=lambda loss: (loss[0], loss[1].loser))
+
+
+def _as_it_stands(catalog: Catalog, contest: Contest, admitted: Wanted, priority: Mapping[str, int]) -> Contest:
+    """Return the contest with those that are active in the end, if the winners are not."""
+    if all(w in admitted for w in contest.winners):
+        return contest
+    beside, last = {**admitted, contest.loser: ()}, {**priority, contest.loser: -1}
+    return next((c for c in _contested(catalog, beside, last) if c.loser == contest.loser), contest)
 
 
 def _losers_go_out(
