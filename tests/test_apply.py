@@ -7,6 +7,7 @@ import time
 
 import commands
 import pytest
+from conftest import wait_for
 from robots import RealRobot, write_tree
 
 NOWHERE = {"image": "nowhere/none:1"}
@@ -52,7 +53,7 @@ def test_a_wanted_service_that_cannot_succeed_is_told_at_once(robot, through, br
     assert "arm" in said, said
     assert why in said, said
     assert seconds < 20
-    assert robot.states()["base"] == "running", "what can be done is done"
+    wait_for(lambda: robot.states()["base"] == "running", 30, "what can be done to be done")
 
 
 @pytest.mark.parametrize("through", [False, True], ids=["alone", "through"])

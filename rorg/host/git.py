@@ -60,7 +60,13 @@ def revision(directory: Path) -> str:
     commit = git_text(directory, "rev-parse", "--short", "HEAD")
     if not commit:
         return ""
-    return commit + ("+" if git_text(directory, "status", "--porcelain", "--", str(directory)) else "")
+    return commit + ("+" if _differs(directory) else "")
+
+
+def _differs(directory: Path) -> bool:
+    """Whether files below a directory differ from the commit, or git does not say."""
+    status = ask_git(directory, "status", "--porcelain", "--", str(directory))
+    return not status.yes or bool(status.text)
 
 
 def commit_of(directory: Path, name: str) -> str:
@@ -91,8 +97,7 @@ def head(directory: Path) -> Commit | None:
         at = stamp(int(seconds))
     except (OverflowError, ValueError, OSError):  # git takes any number
         at = ""
-    dirty = bool(git_text(directory, "status", "--porcelain", "--", str(directory)))
-    return Commit(commit, author[:LONGEST], subject[:LONGEST], at, dirty)
+    return Commit(commit, author[:LONGEST], subject[:LONGEST], at, _differs(directory))
 
 
 def head_stamp(git: Path | None) -> tuple[tuple[int, int], ...]:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from rorg.errors import Refused
 from rorg.host.git import COMMIT_PATIENCE, LONGEST, identity
+from rorg.host.git_objects import said
 from rorg.host.git_process import MISSING, ask_git, git_text, owner_of
 from rorg.host.person import Person
 
@@ -23,8 +24,8 @@ NAMES = ("GIT_AUTHOR_NAME", "GIT_AUTHOR_EMAIL", "GIT_COMMITTER_NAME", "GIT_COMMI
 
 
 def top_of(directory: Path) -> Path:
-    """The top of a directory's work tree. Raises Refused."""
-    top = git_text(directory, "rev-parse", "--show-toplevel")
+    """The top of a directory's work tree. Raises Refused, and TimedOut if git does not answer."""
+    top = said(directory, "rev-parse", "--show-toplevel")
     if not top:
         why = f"{directory} is in no git repository that this user may read"
         raise Refused(f"commit in {directory}", why, f"`git -C {directory} status` for the reason, or `git init`")

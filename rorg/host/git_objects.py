@@ -14,7 +14,7 @@ from operator import not_
 from pathlib import Path
 from typing import IO, NamedTuple
 
-from rorg.errors import Unreachable
+from rorg.errors import TimedOut, Unreachable
 from rorg.host.commands import end
 from rorg.host.git_process import begin_git, owner_of, repository
 
@@ -33,15 +33,17 @@ class Entry(NamedTuple):
 
 
 def said(directory: Path, *args: str) -> str:
-    """Output of a single line; empty if git refuses."""
+    """Output of a single line; empty if git refuses. Raises TimedOut: no answer is no refusal."""
     try:
         return read(directory, *args).decode(errors="surrogateescape").rstrip("\n")
+    except TimedOut:
+        raise
     except Unreachable:
         return ""
 
 
 def read(directory: Path, *args: str, stdin: int | IO[bytes] = subprocess.DEVNULL) -> bytes:
-    """The whole output. Raises Unreachable if git refuses, or does not answer in time."""
+    """The whole output. Raises Unreachable if git refuses, and TimedOut if it does not answer in time."""
     with _asked(directory, args, stdin) as file:
         return file.read()
 
@@ -61,7 +63,7 @@ def _asked(directory: Path, args: Sequence[str], stdin: int | IO[bytes]) -> Iter
             code = process.wait(PATIENCE)
         except subprocess.TimeoutExpired as error:
             end(process, signal.SIGTERM)
-            raise Unreachable(what, f"no answer to `git {args[0]}` within {PATIENCE:g} s") from error
+            raise TimedOut(what, f"no answer to `git {args[0]}` within {PATIENCE:g} s", "again") from error
         if code:
             raise Unreachable(what, f"`git {' '.join(args)}` fails", f"it in {directory}")
         file.seek(0)

@@ -89,7 +89,8 @@ class Acts(World):
         self.engine.log.add("told", text=f"{' '.join(words)}: exit code {ended}")
         if ended == -signal.SIGKILL:
             raise Died(" ".join(words))
-        assert ended == code, f"{' '.join(words)} ends with {ended}"
+        said = (self.folder / "rorg.log").read_text()[-2000:]
+        assert ended == code, f"{' '.join(words)} ends with {ended}\n{said}"
 
     def load(self, memory: int) -> None:
         """Programs outside rorg use so many bytes from now on."""
