@@ -69,7 +69,7 @@ proof: $(VENV)/test-installed
 proof-docker: $(VENV)/test-installed
 	RORG_PROOF_MOST=$(or $(RORG_PROOF_MOST),45) $(BIN)/python tests/proof/docker_world.py $(ARGS)
 
-# All worlds within the bound of tests/bounded/bounds.py, of which `make test` tries a slice: ten minutes or more.
+# All worlds within the bound of tests/bounded/bounds.py, of which `make test` tries a slice: half an hour or more.
 worlds: $(VENV)/test-installed
 	RORG_TEST_WORLDS=all $(BIN)/pytest -s tests/bounded/test_bounded_worlds.py $(ARGS)
 

@@ -173,8 +173,7 @@ def test_a_live_option_that_is_taken_back_costs_a_new_container(robot):
     robot.settle()
     before = robot.container("aa").id
     robot.declare({"aa": {"always_on": True}})
-    robot.wait(lambda: [c.id for c in robot.containers()] != [before] and robot.states() == {"aa": "running"})
-    robot.settle()
+    robot.wait(lambda: robot.container("aa").id != before and robot.states() == {"aa": "running"})
     assert robot.container("aa").live.get("cpu_shares", 0) == 0
 
 
