@@ -100,6 +100,20 @@ def test_a_paused_driver_that_nobody_wants_is_not_touched_by_a_hold(tmp_path):
     assert affected(robot, by_hold, "arm").names == ()
 
 
+def test_a_standing_request_outlives_a_restart_of_its_requester(tmp_path):
+    robot = VirtualRobot(tmp_path)
+    standing = {"look": {"requester": "tour", "services": ["laser"]}}
+    robot.declare({"tour": {"always_on": True}, "laser": {"driver": {}}}, requests=standing)
+    robot.wait(lambda: robot.active() == {"tour", "laser"})
+    robot.settle()
+    assert affected(robot, by_restart, "tour") == Affected()
+    assert affected(robot, by_hold, "tour") == Affected((), {"laser": True})
+    decision = robot.sim.step()
+    assert by_release(decision.situation, decision.memory, ("tour", "look")) == Affected(), (
+        "its manifest makes it again"
+    )
+
+
 def test_a_driver_that_is_about_to_run_is_affected(tmp_path):
     robot = VirtualRobot(tmp_path)
     robot.declare({"core": {"ready": {"delay": "1h"}}, "arm": {"needs": ["core"], "driver": {}}})
