@@ -61,8 +61,9 @@ class RorgProcess:
 
     def kill_service(self, pid: int) -> None:
         """With all its processes, behind rorg's back."""
+        process = psutil.Process(pid)
         os.killpg(os.getpgid(pid), 9)
-        psutil.wait_procs([psutil.Process(pid)] if psutil.pid_exists(pid) else [], timeout=60)
+        psutil.wait_procs([process], timeout=60)
 
     def close(self) -> None:
         self.closed = True
