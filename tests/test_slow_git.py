@@ -47,14 +47,11 @@ def test_no_answer_is_not_taken_for_no_repository(tree, monkeypatch):
 
 def test_a_tree_whose_status_is_not_known_counts_as_changed(tree):
     """git asks a filter of the repository about a file whose time has changed, and that takes too long."""
-    before = revision(tree)
-    assert before
-    assert not before.endswith("+")
+    assert not revision(tree).endswith("+")
     (tree / ".gitattributes").write_text("map filter=slow\n")
     subprocess.run(["git", "-C", str(tree), "config", "filter.slow.clean", "sleep 600"], check=True)
     (tree / ".git/info/exclude").write_text(".gitattributes\n")
     os.utime(tree / "map", (1, 1))
-    assert revision(tree) == f"{before}+"
     found = head(tree)
     assert found is not None
     assert found.dirty
