@@ -67,7 +67,7 @@ def _actuators(robot: Robot) -> Iterator[Finding]:
             yield Finding("pause-of-actuator-consumer", subject.at("idle", "action"), message)
 
 
-@lru_cache(maxsize=8192)
+@lru_cache(maxsize=2048)
 def _actuator(text: str) -> str:
     """The first word that shows that it moves something; empty if there is none."""
     low = text.lower()

@@ -145,7 +145,7 @@ def _names(robot: Robot) -> Iterator[Finding]:
                 yield Finding("service-name-on-host-network", where, message)
 
 
-@lru_cache(maxsize=8192)
+@lru_cache(maxsize=2048)
 def _hosts(variable: str, text: str) -> frozenset[str]:
     """The hosts that the value of a variable names, or a word of a command line if `variable` is empty."""
     hosts = set(URL_HOST.findall(text)) if "://" in text else set[str]()

@@ -44,7 +44,7 @@ def once(find: Callable[[Subject], T]) -> Callable[[Subject], T]:
     return found
 
 
-@lru_cache(maxsize=4096)
+@lru_cache(maxsize=2048)
 def _read(path: str, root: str, _stamp: tuple[int, int]) -> str:
     try:
         return read_text(Path(path), Path(root), MOST)
@@ -94,7 +94,7 @@ def files_of(subject: Subject) -> dict[str, str]:
     return {path: _said(text) if path.endswith((".launch", ".xml")) else text for path, text in texts.items()}
 
 
-@lru_cache(maxsize=4096)
+@lru_cache(maxsize=2048)
 def _said(text: str) -> str:
     """Removes comments."""
     pieces, at = list[str](), 0
@@ -125,25 +125,25 @@ def names_of_nodes(subject: Subject) -> frozenset[str]:
     return own.union(*map(_nodes_in, files_of(subject).values())) - {"rosout", ""}
 
 
-@lru_cache(maxsize=4096)
+@lru_cache(maxsize=2048)
 def _nodes_in(text: str) -> frozenset[str]:
     matches = (_NODE_NAME.search(tag) for tag in _NODE.findall(text))
     return frozenset(name[1].strip("/") for name in matches if name)
 
 
-@lru_cache(maxsize=8192)
+@lru_cache(maxsize=2048)
 def _paths_in(text: str) -> tuple[str, ...]:
     """Words that may be paths, ROS names or network addresses. The slower searches below run only on these."""
     return tuple(word for word in set(_WORD.findall(text)) if "/" in word or ":" in word)
 
 
-@lru_cache(maxsize=8192)
+@lru_cache(maxsize=2048)
 def names_in(text: str) -> frozenset[str]:
     """Names in the ROS graph: `/scan`, or `scan` in `scan/points`."""
     return frozenset(name for word in _paths_in(text) for pair in _NAME.findall(word) for name in pair if name)
 
 
-@lru_cache(maxsize=8192)
+@lru_cache(maxsize=2048)
 def _calls_in(text: str) -> frozenset[tuple[str, str]]:
     return frozenset(call for word in _paths_in(text) if ":" in word for call in _CALLED.findall(word))
 

@@ -38,7 +38,7 @@ def _names(subject: Subject) -> Iterator[Finding]:
             yield Finding("misspelt-variable", subject.variable(name), message, close)
 
 
-@lru_cache(maxsize=4096)
+@lru_cache(maxsize=2048)
 def _like(name: str) -> str:
     """The variable of ROS that was probably meant; empty if there is none."""
     if not name.startswith(BEGINS) or name.startswith("RORG_"):
