@@ -72,7 +72,9 @@ def renewed(progress: Progress, edition: str, now: float) -> Progress:
         return progress
     if not update.edition:
         return replace(progress, update=replace(update, edition=edition))
-    return replace(progress, exits=0, attempts={}, error="", update=replace(update, edition=edition, since=now))
+    failing = progress.exited.partition("@")[0] if update.edition in update.quarantined else ""
+    tried = replace(update, edition=edition, since=now)
+    return replace(progress, exits=0, attempts={}, error="", failing=failing, update=tried)
 
 
 @dataclass(frozen=True, slots=True)

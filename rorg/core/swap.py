@@ -72,6 +72,8 @@ class Swap:
             return False
         if self.stays:
             return True
+        if self.step.failing == container.id[:12]:
+            return False
         if container.alive:
             return self.step.exits < STALLED_AFTER
         return self.step.exited != container.incarnation
