@@ -10,7 +10,7 @@ import subprocess
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from urllib.parse import urlsplit
+from urllib.parse import parse_qs, urlsplit
 
 import pytest
 import yaml
@@ -229,7 +229,13 @@ def test_what_was_is_there_over_time(robot, watched):
     now = time.time()
     UsageTable(database).note(stamp(now - 7200), [Measured(MACHINE, "", 60.0, 45.0, 1 << 30)])
     database.close()
-    with watched.page.expect_response(lambda answer: "/v1/measured/slots" in answer.url) as told:
+
+    def of_hours(answer) -> bool:
+        """Whether it is for the three hours, rather than for the minutes that were shown before."""
+        url = urlsplit(answer.url)
+        return url.path.endswith("/v1/measured/slots") and parse_qs(url.query)["since"][0] < stamp(now - 7200)
+
+    with watched.page.expect_response(of_hours) as told:
         watched.page.click("button:text-is('3 h')")
     assert [slot["cores"] for slot in told.value.json()["answer"]] == [0.75], "last night is there too"
     watched.page.click("button[aria-label='Earlier']")
