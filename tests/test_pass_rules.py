@@ -12,7 +12,7 @@ from rorg.core.decide import Decision, decide, preview
 from rorg.core.desired import desire
 from rorg.core.inputs import Inputs
 from rorg.core.links import Remote
-from rorg.core.memory import Attempt, InFlight, Lease, Memory, ProbeResult, Progress
+from rorg.core.memory import Attempt, InFlight, Memory, ProbeResult, Progress
 from rorg.core.observed import Container, Observed
 from rorg.core.operations import Start
 from rorg.core.peers import Peers
@@ -222,8 +222,9 @@ def test_the_earliest_moment_of_all_that_is_due_is_the_next_pass():
     lease = Request("r", "developer", ("base",), ttl=9.0)
     leased = inputs(BASE, seen=(box(),), requests=(lease,), renewals={lease.key: 1})
     assert decide(leased).deadline == NOW + 9
-    memory = replace(leased.memory, leases={lease.key: Lease("1", NOW + 4)})
-    assert decide(replace(leased, memory=memory)).deadline in (NOW + 4, NOW + 9)
+    later = replace(leased, memory=decide(leased).memory, now=NOW + 4)
+    assert decide(later).deadline == NOW + 9, "it goes on"
+    assert decide(replace(later, renewals={lease.key: 2})).deadline == NOW + 13, "it was renewed"
     calls = {"arm": InFlight(Action(0, Start(container="arm"), "arm"), NOW - 1)}
     flying = inputs(ON, replace(ARM, always_on=True), seen=(box(), box("arm", "exited")))
     assert decide(replace(flying, memory=replace(flying.memory, in_flight=calls))).deadline == NOW + 4

@@ -14,7 +14,7 @@ from rorg.core.objects import found_object, object_labels
 from rorg.core.observed import LABEL_PREVIOUS, Container, FoundObjects, Observed
 from rorg.core.operations import Create
 from rorg.core.plan import Plan
-from rorg.core.rollout import renewed
+from rorg.core.rollout import failed, renewed
 from rorg.core.update import Update
 from rorg.model.catalog import Idle, Service
 from rorg.model.engines import Capabilities
@@ -139,22 +139,17 @@ def test_what_cannot_be_made_now_leaves_what_runs_as_it_is():
 
 
 @pytest.mark.parametrize("state", ["running", "exited"])
-def test_nothing_goes_back_to_a_container_that_failed_when_it_was_tried(state):
-    """It was all that was left, as the engine could not start the one before any more. It ended by itself, was started
-    again, and was stopped as nobody wanted it."""
-    bad = Update(edition="bad", quarantined={"bad": "it ended"})
-    tried = Progress(exits=2, exited="old@an earlier run", stopped=(OLD.incarnation,), update=bad)
-    now = renewed(tried, situation(BASE).desired.editions["base"], NOW)
-    assert now.failing == "old"
-    seen = replace(OLD, state=state)
-    known = {"base": replace(now, incarnation=seen.incarnation, running_since=99.0 if state == "running" else None)}
-    made = [a.operation for a in plan(seen=(seen,), known=known).actions if isinstance(a.operation, Create)]
+def test_nothing_goes_back_to_a_container_that_failed_on_trial(state):
+    """It is all that was left, as the engine could not start the one before any more."""
+    seen, edition = replace(OLD, state=state), situation(BASE).desired.editions["base"]
+    bad = replace(up(incarnation=OLD.incarnation), update=Update(edition="bad"))
+    step = bad if state == "running" else Progress(stopped=(OLD.incarnation,), update=bad.update)
+    now = renewed(failed(step, "it ended", NOW, "old"), edition, NOW)
+    made = [a.operation for a in plan(seen=(seen,), known={"base": now}).actions if isinstance(a.operation, Create)]
     assert [LABEL_PREVIOUS in one.labels for one in made] == [False]
-    assert "remove old" in calls(seen=(seen,), known=known)
-    well = replace(tried, update=Update(edition="good"))
-    assert renewed(well, "another", NOW).failing == ""
-    kept = {"base": replace(known["base"], failing="")}
-    assert "remove old" not in calls(seen=(seen,), known=kept)
+    assert "remove old" in calls(seen=(seen,), known={"base": now})
+    another = renewed(failed(step, "it ended", NOW, "the other one"), edition, NOW)
+    assert "remove old" not in calls(seen=(seen,), known={"base": another}), "the one that rorg went back to"
 
 
 # -- what a removal leaves -------------------------------------------------------------------------------------

@@ -104,7 +104,9 @@ def test_several_editions_are_in_quarantine_also_for_the_next_rorg(virtual):
         virtual.declare({"nav": changed(n)})
         spoil(virtual, "nav", "start")
         virtual.wait(lambda n=n: "its change failed" in virtual.waits("nav") and len(virtual.containers()) == 1)
+    rejected = virtual.sim.decision.memory.of("nav").update.rejected
     virtual.sim.reborn(handed_on(virtual.sim.decision))
+    assert virtual.sim.memory.of("nav").update.rejected == rejected not in ("", good)
     virtual.declare({"nav": WELL})
     virtual.settle()
     calls = len(virtual.sim.engine.calls)

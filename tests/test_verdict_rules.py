@@ -76,8 +76,8 @@ def said(ok: bool = True, at: float = 99.0, run: str = RUN, failures: int = 1) -
 
 
 def quarantined(why: str, at: float = NOW, **more: Any) -> dict[str, Any]:
-    """Its change has failed; nothing else was wrong with it before."""
-    return {"update": replace(EDITION, quarantined={"now": why}, failed_at=at), **more}
+    """Its change has failed, and the container that was tried; nothing else was wrong with it before."""
+    return {"update": replace(EDITION, quarantined={"now": why}, rejected="a" * 64, failed_at=at), **more}
 
 
 # -- the bake --------------------------------------------------------------------------------------------------
@@ -365,6 +365,8 @@ def test_only_a_refused_trial_is_a_failure_of_the_change():
         return refused(STARTING, Action(0, operation, "base"), "no such device", NOW).update.failed
 
     assert refusal(Start(container="a", trial="now")) == "no such device"
+    trial = Action(0, Start(container="a", trial="now"), "base")
+    assert refused(STARTING, trial, "no such device", NOW).update.rejected == "a"
     assert refusal(Start(container="a", trial="before")) == ""
     assert refusal(Start(container="a")) == ""
     assert refusal(Create(name="base", spec={}, labels={}, digest="")) == ""
@@ -373,7 +375,8 @@ def test_only_a_refused_trial_is_a_failure_of_the_change():
 
 
 def test_a_quarantine_is_lifted_once_per_request():
-    known = Memory(progress={"base": failed(replace(STARTING, attempts=FAILED), "late", NOW), "arm": STARTING})
+    late = failed(replace(STARTING, attempts=FAILED), "late", NOW, "a")
+    known = Memory(progress={"base": late, "arm": STARTING})
     found = retried(known, {"base": "12:00"})
     assert found.of("base") == replace(STARTING, update=replace(EDITION, lifted="12:00"))
     assert found.of("arm") is known.of("arm")

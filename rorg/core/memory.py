@@ -139,9 +139,6 @@ class Progress:
     """Consecutive exits while wanted, reset by a stable run."""
     exited: str = ""
     """The incarnation whose exit was counted last."""
-    failing: str = ""
-    """The container that failed when it was tried, if its edition is not the desired one any more: nothing goes back to
-    it. 12 digits of its id."""
     stopped: tuple[str, ...] = ()
     """Incarnations that rorg stopped, or that ended while unwanted, newest last: their exit is no failure. One run per
     existing container, because a kept previous container may come back later."""

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import inf
 
 from rorg.core.changes import updated
 from rorg.core.desired import Desired
@@ -72,9 +71,7 @@ def renewed(progress: Progress, edition: str, now: float) -> Progress:
         return progress
     if not update.edition:
         return replace(progress, update=replace(update, edition=edition))
-    failing = progress.exited.partition("@")[0] if update.edition in update.quarantined else ""
-    tried = replace(update, edition=edition, since=now)
-    return replace(progress, exits=0, attempts={}, error="", failing=failing, update=tried)
+    return replace(progress, exits=0, attempts={}, error="", update=replace(update, edition=edition, since=now))
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +114,7 @@ def judged(progress: Progress, service: Service, desired: Desired, evidence: Evi
         return progress if together else replace(progress, update=replace(progress.update, proven=new.id))
     if not (verdict.error and fits(new, service.name, desired)):
         return progress
-    return failed(progress, verdict.error, evidence.now)
+    return failed(progress, verdict.error, evidence.now, new.id)
 
 
 def _judged_alone(
@@ -217,24 +214,27 @@ def _baked(progress: Progress, service: Service, current: Container, desired: De
     return replace(progress, update=replace(update, baked=update.edition))
 
 
-def failed(progress: Progress, error: str, now: float) -> Progress:
-    """Quarantine the desired edition. The previous container starts without back-off."""
+def failed(progress: Progress, error: str, now: float, container: str = "") -> Progress:
+    """Quarantine the desired edition, and reject the `container` that was tried, if one was. The previous container
+    starts without back-off."""
     if progress.update.edition in progress.update.quarantined:
         return progress
-    return replace(progress, exits=0, attempts={}, error="", update=progress.update.quarantine(error, now))
+    update = progress.update.quarantine(error, now)
+    update = replace(update, rejected=container or update.rejected)
+    return replace(progress, exits=0, attempts={}, error="", update=update)
 
 
 def refused(progress: Progress, action: Action, error: str, now: float) -> Progress:
     """Note that the engine refused a trial's start because of what was asked, rather than not answering."""
     operation = action.operation
     tried = operation.trial if isinstance(operation, Start) else ""
-    return failed(progress, error, now) if tried and tried == progress.update.edition else progress
+    return failed(progress, error, now, operation.container) if tried and tried == progress.update.edition else progress
 
 
 def retried(memory: Memory, asked: Mapping[str, str]) -> Memory:
     """Lift the quarantine of these services, once per request."""
     progress = {
-        name: replace(step, attempts={}, update=replace(step.update, quarantined={}, failed_at=-inf, lifted=at))
+        name: replace(step, attempts={}, update=replace(step.update.pardoned(), quarantined={}, lifted=at))
         for name, at in asked.items()
         if (step := memory.of(name)).update.lifted != at
     }

@@ -72,7 +72,7 @@ class Swap:
             return False
         if self.stays:
             return True
-        if self.step.failing == container.id[:12]:
+        if container.id == self.update.rejected:
             return False
         if container.alive:
             return self.step.exits < STALLED_AFTER

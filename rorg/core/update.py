@@ -23,6 +23,8 @@ class Update:
     """When it became desired, by the loop's clock; 0 if this rorg found it at its start."""
     quarantined: Mapping[str, str] = field(default_factory=dict)
     """Edition that failed on trial -> why; oldest first. It is not tried again unless a person asks."""
+    rejected: str = ""
+    """Id of the last container that failed on trial: nothing goes back to it."""
     failed_at: float = -inf
     """When it was put there, by the loop's clock. A restart of rorg forgets that."""
     lifted: str = ""
@@ -54,7 +56,7 @@ class Update:
 
     def pardoned(self) -> Update:
         """Return the update with the desired edition free to be tried again."""
-        return replace(self, quarantined=self._others(), failed_at=-inf)
+        return replace(self, quarantined=self._others(), rejected="", failed_at=-inf)
 
     def _others(self) -> dict[str, str]:
         return {edition: why for edition, why in self.quarantined.items() if edition != self.edition}

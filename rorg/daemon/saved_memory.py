@@ -54,6 +54,7 @@ def _progress(known: Mapping[str, Any], now: float, epoch: float, booted_at: flo
     update = Update(
         edition=said["edition"],
         quarantined=_texts(known.get("quarantined")),
+        rejected=said["rejected"],
         drawn=said["drawn"],
         proven=said["proven"],
         baked=said["baked"],

@@ -182,6 +182,7 @@ def run_json(step: Progress, now: float) -> dict[str, Any]:
     more = {
         "edition": update.edition,
         "quarantined": dict(update.quarantined),
+        "rejected": update.rejected,
         "drawn": update.drawn,
         "proven": update.proven,
         "baked": update.baked,

@@ -110,8 +110,8 @@ DEFECTS_OF_RUNS = (
     Defect(
         "what failed is not quarantined",
         "core/rollout.py",
-        'error="", update=progress.update.quarantine(error, now))',
-        'error="")',
+        "    update = progress.update.quarantine(error, now)\n",
+        "    update = progress.update\n",
         (REST, EMPTY, BOUNDED, "a bad change leaves what ran", SERVED),
     ),
     Defect(
