@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import re
+from collections import Counter
+from collections.abc import Collection
 from dataclasses import replace
 
 import pytest
@@ -248,10 +250,16 @@ def test_an_admission_is_reused_while_what_it_depends_on_is_the_same():
 # -- any tree --------------------------------------------------------------------------------------------------
 
 
-def excluded_among(services: dict[str, Service], names: set[str]) -> bool:
+UNITS = {"z": 2}
+"""Of each other resource of these trees there is one unit."""
+
+
+def excluded_among(services: dict[str, Service], names: Collection[str]) -> bool:
     """Whether these services can never all run."""
-    used = [resource for name in names for resource in services[name].exclusive]
-    return bool(conflicting(services, names)) or len(used) > len(set(used))
+    used = Counter[str]()
+    for name in names:
+        used.update(services[name].exclusive)
+    return bool(conflicting(services, names)) or any(n > UNITS.get(resource, 1) for resource, n in used.items())
 
 
 @st.composite
@@ -260,9 +268,13 @@ def contests(draw):
     found: dict[str, Service] = {}
     for index in range(draw(st.integers(3, 7))):
         earlier = st.lists(st.sampled_from(sorted(found)), max_size=2, unique=True) if found else st.just([])
-        resources = dict.fromkeys(draw(st.lists(st.sampled_from("abc"), max_size=2, unique=True)), 1)
+        resources = Counter(draw(st.lists(st.sampled_from("aabzzz"), max_size=2)))
         one = Service(
-            f"s{index}", conflicts=tuple(draw(earlier)), exclusive=resources, priority=draw(st.integers(0, 3))
+            f"s{index}",
+            conflicts=tuple(draw(earlier)),
+            exclusive={resource: min(n, UNITS.get(resource, 1)) for resource, n in resources.items()},
+            priority=draw(st.integers(0, 3)),
+            always_on=draw(st.integers(0, 9)) == 0,
         )
         with_needs = replace(one, needs=tuple(draw(earlier)))
         possible = not excluded_among({**found, one.name: one}, {one.name, *closure(found, with_needs.needs)})
@@ -271,7 +283,11 @@ def contests(draw):
     unasked = draw(st.lists(st.sampled_from(names), max_size=2, unique=True))
     requests = [ask(name) for name in names if name not in unasked]
     pairs = draw(st.lists(st.tuples(st.sampled_from(names), st.sampled_from(names)), max_size=2, unique=True))
-    return tree(*found.values()), (*requests, *(ask(to, by=by, id=f"{by}>{to}") for by, to in pairs))
+    return forest(*found.values()), (*requests, *(ask(to, by=by, id=f"{by}>{to}") for by, to in pairs))
+
+
+def forest(*services: Service) -> Catalog:
+    return replace(tree(*services), policy=Policy(resources=UNITS))
 
 
 def shown(catalog: Catalog, requests: tuple[Request, ...]) -> str:
@@ -281,9 +297,10 @@ def shown(catalog: Catalog, requests: tuple[Request, ...]) -> str:
             [
                 s.name,
                 f"{s.priority}",
-                "".join(s.exclusive),
+                "".join(resource * n for resource, n in s.exclusive.items()),
                 *(f">{n}" for n in s.needs),
                 *(f"!{n}" for n in s.conflicts),
+                *("*" for _ in "*" if s.always_on),
             ]
         )
         for s in catalog.services.values()
@@ -295,7 +312,7 @@ def told_apart(catalog: Catalog, requests: tuple[Request, ...], found: Admission
     """What is admitted can run together. What is preempted could not run beside what matters as much, or would bring
     something along that takes the place of what runs."""
     services, running = catalog.services, set(found.wanted)
-    assert not excluded_among(services, running)
+    assert not excluded_among(services, running), shown(catalog, requests)
     assert all(set(services[name].needs) <= running for name in running)
     for name, why in found.preempted.items():
         others = found.preempted.keys() - {name}
@@ -306,9 +323,9 @@ def told_apart(catalog: Catalog, requests: tuple[Request, ...], found: Admission
         assert {n for names in named for n in names.split(", ")} <= running, f"{name} {why} {shown(catalog, requests)}"
         ranks, below = effective_priorities(catalog, asked, requests), closure(services, [name])
         less = {n for n in running if found.priorities[n] < ranks[name]}
-        if name not in wanted(catalog, requests, others | less):
-            less = set()  # one of these asks for it
-        if not any(excluded_among(services, {b, r}) for b in asked.keys() - running - below for r in running):
+        alone = effective_priorities(catalog, wanted(catalog, requests, others | less), requests)
+        less = {n for n in less if found.priorities[n] < alone.get(name, -1)}  # without what these ask for
+        if not any(excluded_among(services, {b, *running}) for b in asked.keys() - running - below):
             case = shown(catalog, requests)
             assert excluded_among(services, running - less | below), f"{name} could run: {why} {case}"
 
@@ -320,13 +337,14 @@ def test_nobody_gives_way_to_nobody(case):
 
 
 def some(text: str) -> tuple[Service, ...]:
-    """Services by their name, priority, exclusive resources, >needs and !conflicts: "base 3 ac >x !y"."""
+    """Services by name, priority, exclusive resources, >needs and !conflicts: "base 3 ac >x !y". * is always on."""
     found = []
     for line in text.splitlines():
         name, priority, *words = line.split()
-        resources = dict.fromkeys("".join(w for w in words if w[0] not in ">!"), 1)
+        resources = Counter("".join(w for w in words if w[0] not in ">!*"))
         needs, rivals = (tuple(w[1:] for w in words if w[0] == mark) for mark in ">!")
-        found.append(Service(name, priority=int(priority), exclusive=resources, needs=needs, conflicts=rivals))
+        one = Service(name, priority=int(priority), exclusive=resources, needs=needs, conflicts=rivals)
+        found.append(replace(one, always_on="*" in words))
     return tuple(found)
 
 
@@ -341,17 +359,20 @@ def some(text: str) -> tuple[Service, ...]:
         ("s0 0 a\ns1 0\ns3 1 a >s1\ns4 2 a !s1", "s0 s1 s2 s3 s4 s4>s0", "s4"),
         ("s0 9 a\ns1 8 ab\ns2 7 bc\ns3 6 cd\ns4 5 d", "s0 s1 s2 s3 s4", "s0 s2 s4"),
         ("s0 1\ns2 0 a\ns3 0 a\ns4 0 !s3\ns5 2 !s0", "s0 s2 s3 s4 s4>s5", "s2 s4 s5"),
-        ("s0 1 a\ns1 0\ns2 2 !s0 !s1\ns3 0 >s2\ns5 1 a !s3", "s0 s1 s3 s5", "s1 s5"),
+        ("s0 1 a\ns1 0\ns2 2 !s0 !s1\ns3 0 >s2\ns5 1 a !s3", "s0 s1 s3 s5", "s0 s1"),
         ("s0 0\ns2 1 !s0", "s0 s0>s2 s2>s0", "s0"),
         ("s0 0 a\ns1 0 a\ns2 0 a", "s0 s1 s2", "s0"),
         ("s0 5 a\ns1 9\ns2 0 !s1", "s0 s2 s0>s1", "s0 s1"),
         ("s0 5 a\ns1 9 b !s0", "s0 s0>s1", "s0"),
         ("s0 5 a\ns1 9 ab", "s0 s0>s1", "s0"),
+        ("s3 1 z\ns4 0 z\ns5 1 z >s4", "s3 s4 s5", "s3 s4"),
+        ("s0 0 *\ns1 1\ns2 0 !s0 *", "s0>s1 s1>s2", "s0 s1"),
+        ("s0 0\ns1 0 a\ns2 0 a\ns3 0 a\ns4 0 >s3 !s2", "s0 s1 s2 s3 s4", "s0 s1"),
     ],
 )
 def test_who_is_left_of_several_contests(services, requests, running):
     """Found by random trees, and made as small as they go. `a>b` is a request of a for b."""
-    catalog, asked = tree(*some(services)), []
+    catalog, asked = forest(*some(services)), []
     for text in requests.split():
         by, _, name = text.rpartition(">")
         asked += [ask(name, by=by or "developer", id=text)] if name in catalog.services else []

@@ -145,8 +145,13 @@ def test_what_a_silent_computer_runs_is_unknown_and_what_needs_it_waits(team):
     status = base.services()["localization"]
     assert status["health"] == "Unknown"
     assert "jetson, which does not answer" in status["message"]
-    lost = next(e for e in base.events("lost") if e["service"] == "localization")
-    assert lost["cause"] == "unreachable"
+    lost: list[str] = []
+    wait_for(
+        lambda: lost.extend(e["cause"] for e in base.events("lost") if e["service"] == "localization") or lost,
+        LEASE,
+        "the event, which is kept after the pass that shows the state",
+    )
+    assert lost[0] == "unreachable"
     with pytest.raises(Error, match="jetson"):
         base.wait("localization", timeout=1)
     assert base.state("navigation") == "running", "nothing is stopped because of a link"

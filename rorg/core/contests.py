@@ -3,26 +3,27 @@ resource. The higher effective priority wins, then the name."""
 
 from __future__ import annotations
 
+from bisect import bisect
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
+from itertools import accumulate
 
-from rorg.core.priorities import effective_priorities
-from rorg.core.wanted import Wanted, wanted
+from rorg.core.priorities import PROTECTED, effective_priorities
+from rorg.core.wanted import ROOTS, Wanted, wanted, wanted_by
 from rorg.model.catalog import Catalog, Request
-from rorg.model.graph import conflicting
+from rorg.model.graph import closure, conflicting, overbooked
+
+Ranks = Mapping[str, tuple[int, str]]
+"""Services, and what to sort them by: the negated effective priority, then the name."""
 
 
 @dataclass(frozen=True, slots=True)
-class Contest:
-    """One service that cannot be active because of others."""
+class Loss:
+    """Why a service cannot be active: the exclusive resource ("" for a conflict), and the active services that have
+    it."""
 
-    loser: str
-    why: str
+    resource: str
     winners: tuple[str, ...]
-
-
-Loss = tuple[int, Contest]
-"""The loser's negated priority, and the contest."""
 
 
 def settle_contests(
@@ -31,160 +32,160 @@ def settle_contests(
     """Return (who may be active, who is preempted and why, effective priorities). `excluded` are services that must not
     be active, with the reason.
 
-    First the losers of each contest go out, one contest after another. Then they come back, highest effective priority
-    first, if there is room for them after all: a winner may have been preempted itself.
+    The set of services that are certain to be active grows round by round. What cannot be active beside them is out. Of
+    the rest, those that nothing outranks become certain. In the next round, what these request takes part.
     """
-    preempted: dict[str, str] = {}
-    for name, why in excluded.items():
-        _give_way(catalog, preempted, name, why)
-    initial = dict(preempted)
-    admitted, priority, losses = _losers_go_out(catalog, requests, preempted)
-    undone, pending = set[Contest](), _in_vain(losses, admitted)
-    while pending:
-        loss = pending.pop(0)
-        retried = _all_out(catalog, dict(initial), [c for _, c in losses if c is not loss[1]])
-        candidate, its_priority, others = _losers_go_out(catalog, requests, retried)
-        returns, displaces = loss[1].loser in candidate, not admitted.keys() <= candidate.keys()
-        new = loss[1] not in undone
-        # The loser returns, and others may now lose to it. It displaces them only once: in a ring, each would displace
-        # the next for ever. If another contest keeps it out, that one becomes the reason.
-        if (returns and (new or not displaces)) or (others and new and not displaces):
-            undone.add(loss[1])
-            losses = [*(one for one in losses if one is not loss), *others]
-            admitted, priority, preempted = candidate, its_priority, retried
-            pending = _in_vain(losses, admitted)
-    if _in_vain(losses, admitted):
-        preempted = _all_out(catalog, dict(initial), [_as_it_stands(catalog, c, admitted, priority) for _, c in losses])
-    asked = wanted(catalog, requests) if preempted else admitted
-    return admitted, {n: why for n, why in preempted.items() if n in asked}, priority
-
-
-def _in_vain(losses: Iterable[Loss], admitted: Wanted) -> list[Loss]:
-    """Return the losses to services that are not active either, those of highest priority first."""
-    vain = [loss for loss in losses if not all(w in admitted for w in loss[1].winners)]
-    return sorted(vain, key=lambda loss: (loss[0], loss[1].loser))
-
-
-def _as_it_stands(catalog: Catalog, contest: Contest, admitted: Wanted, priority: Mapping[str, int]) -> Contest:
-    """Return the contest with those that are active in the end, if the winners are not."""
-    if all(w in admitted for w in contest.winners):
-        return contest
-    beside, last = {**admitted, contest.loser: ()}, {**priority, contest.loser: -1}
-    return next((c for c in _contested(catalog, beside, last) if c.loser == contest.loser), contest)
-
-
-def _losers_go_out(
-    catalog: Catalog, requests: Collection[Request], preempted: dict[str, str]
-) -> tuple[Wanted, Mapping[str, int], list[Loss]]:
-    """Settle one contest after another, and add the losers to `preempted`. Return (who is left, their effective
-    priorities, the losses)."""
-    losses: list[Loss] = []
+    rules, certain, impossible = _Rules(catalog), set[str](), dict(excluded)
     while True:
-        admitted = wanted(catalog, requests, preempted)
-        priority = effective_priorities(catalog, admitted, requests)
-        contests = _contested(catalog, admitted, priority)
-        if not contests:
-            return admitted, priority, losses
-        ranks = _ranks(catalog, requests, _all_out(catalog, dict(preempted), contests))
-        # Losers are sorted by priority: of several that request the winner, the last one is the first to go out.
-        self_defeating = next((c for c in reversed(contests) if _lent(c, ranks, priority)), None)
-        if self_defeating:
-            contests = [_turned_round(catalog, requests, preempted, self_defeating, priority)]
-        losses += [(-priority[c.loser], c) for c in contests]
-        _all_out(catalog, preempted, contests)
+        out = rules.with_dependants([*impossible, *rules.losses(certain)])
+        possible = wanted(catalog, requests, out)
+        priorities = effective_priorities(catalog, possible, requests)
+        if not any(name in possible and name not in certain for name in rules.contested):
+            break
+        ranks = _ranks(priorities)
+        sure = {name: tuple(c for c in causes if c.by in certain or not c.by) for name, causes in possible.items()}
+        lowest = _ranks(effective_priorities(catalog, sure, requests))
+        outranked = rules.outranked(ranks, lowest, certain)
+        if not outranked:
+            break
+        grown = wanted(catalog, requests, out | rules.with_dependants(outranked)).keys() - certain
+        if not grown:
+            chosen = _chosen_in_ring(catalog, possible, lowest, outranked, certain)
+            grown = closure(catalog.services, [chosen])
+            # What needs two units of a resource, itself and through its needs, may find only one.
+            if why := _misfit(catalog, certain | grown):
+                impossible[chosen], grown = why, set()
+        certain |= grown
+    asked = wanted(catalog, requests) if out else possible
+    reasons = _reasons(rules, impossible, possible, asked, _ranks(effective_priorities(catalog, asked, requests)))
+    return possible, reasons, priorities
 
 
-def _give_way(catalog: Catalog, preempted: dict[str, str], name: str, why: str) -> None:
-    """Add a service and everything that needs it to `preempted`."""
-    if name in catalog.services and catalog.services[name].meta:
-        return
-    preempted.setdefault(name, why)
-    pending = [name]
-    while pending:
-        lost = pending.pop()
-        for dependant, service in catalog.services.items():
-            if lost in service.needs and dependant not in preempted and not service.meta:
-                preempted[dependant] = f"{name} {why}"
-                pending.append(dependant)
+def _ranks(priorities: Mapping[str, int]) -> Ranks:
+    return {name: (-priority, name) for name, priority in priorities.items()}
 
 
-def _all_out(catalog: Catalog, out: dict[str, str], contests: Iterable[Contest]) -> dict[str, str]:
-    for contest in contests:
-        _give_way(catalog, out, contest.loser, contest.why)
-    return out
+def _misfit(catalog: Catalog, names: Collection[str]) -> str:
+    """Return why these services cannot all be active; "" if they can."""
+    names = [name for name in names if not catalog.services[name].meta]
+    pairs, shortages = conflicting(catalog.services, names), overbooked(catalog, names)
+    reasons = [*(f"{one} and {other} conflict" for one, other in pairs), *shortages]
+    return f"does not fit: {reasons[0]}" if reasons else ""
 
 
-def _ranks(catalog: Catalog, requests: Collection[Request], out: Collection[str]) -> Mapping[str, int]:
-    """Return effective priorities of what is wanted while these are out."""
-    return effective_priorities(catalog, wanted(catalog, requests, out), requests)
+class _Rules:
+    """What the manifests say about who cannot be active together. Meta-services take part in no contest."""
+
+    def __init__(self, catalog: Catalog) -> None:
+        self.services = {name: service for name, service in catalog.services.items() if not service.meta}
+        self.units = catalog.policy.resources
+        """Resource -> how many units there are, if it is not one."""
+        self.rivals: dict[str, list[str]] = {}
+        for one, other in conflicting(self.services, self.services):
+            self.rivals.setdefault(one, []).append(other)
+            self.rivals.setdefault(other, []).append(one)
+        self.contested = [name for name, service in self.services.items() if service.exclusive or name in self.rivals]
+        self.dependants: dict[str, list[str]] = {}
+        for name, service in self.services.items():
+            for need in service.needs:
+                self.dependants.setdefault(need, []).append(name)
+
+    def with_dependants(self, names: Iterable[str]) -> dict[str, str]:
+        """Return these services and all that need them -> the one of these that it is about."""
+        found = {name: name for name in names if name in self.services}
+        pending = list(found)
+        for name in pending:
+            more = [n for n in self.dependants.get(name, ()) if n not in found]
+            found |= dict.fromkeys(more, found[name])
+            pending += more
+        return found
+
+    def losses(self, active: Collection[str]) -> dict[str, list[Loss]]:
+        """Return what cannot be active beside these services."""
+        users: dict[str, list[str]] = {}
+        for name in sorted(n for n in active if n in self.services):
+            for resource in self.services[name].exclusive:
+                users.setdefault(resource, []).append(name)
+        found = {n: self._losses(n, active, users) for n in self.contested if n not in active}
+        return {name: losses for name, losses in found.items() if losses}
+
+    def _losses(self, name: str, active: Collection[str], users: Mapping[str, list[str]]) -> list[Loss]:
+        losses = [Loss("", (rival,)) for rival in self.rivals.get(name, ()) if rival in active]
+        for resource, units in sorted(self.services[name].exclusive.items()):
+            there, others = self.units.get(resource, 1), users.get(resource, [])
+            if units > there:
+                losses.append(Loss(resource, ()))
+            elif units > there - sum(self.services[other].exclusive[resource] for other in others):
+                losses.append(Loss(resource, tuple(others)))
+        return losses
+
+    def outranked(self, ranks: Ranks, lowest: Ranks, certain: Collection[str]) -> dict[str, list[str]]:
+        """Return the services that others may keep out -> these. `lowest` are ranks that each has at least."""
+        uncertain = sorted((n for n in self.contested if n in ranks and n not in certain), key=ranks.__getitem__)
+        found = {n: [r for r in self.rivals.get(n, ()) if r in ranks and ranks[r] < lowest[n]] for n in uncertain}
+        for resource in sorted({r for n in uncertain for r in self.services[n].exclusive}):
+            users = [n for n in uncertain if resource in self.services[n].exclusive]
+            places = [ranks[n] for n in users]
+            taken = [
+                self.services[n].exclusive[resource]
+                for n in certain
+                if n in self.services and resource in self.services[n].exclusive
+            ]
+            used = list(accumulate((self.services[n].exclusive[resource] for n in users), initial=sum(taken)))
+            for name in users:
+                place = bisect(places, lowest[name])  # its own rank is at least this
+                if used[place] > self.units.get(resource, 1):
+                    found[name] += [n for n in users[:place] if n != name]
+        return {name: above for name, above in found.items() if above}
 
 
-def _lent(contest: Contest, ranks: Mapping[str, int], priority: Mapping[str, int]) -> str:
-    """Return a winner that would not win without the loser; "" if there is none. `ranks` are priorities without it.
+def _chosen_in_ring(
+    catalog: Catalog, possible: Wanted, ranks: Ranks, outranked: Mapping[str, Collection[str]], certain: Collection[str]
+) -> str:
+    """Return the service that becomes certain although it is outranked, because all are that could.
 
-    Nobody is preempted by what it requests itself: its request would vanish, the winner would no longer be wanted, or
-    matter less, and the two would alternate for ever.
+    Nobody gives way to what it requests itself: its request would vanish, the winner with it, and the two would
+    alternate for ever. So in a ring the one that is already requested stays. Of several, it is the one that depends on
+    the fewest others, then the highest.
     """
-    own = -priority[contest.loser], contest.loser
-    return next((w for w in contest.winners if w not in ranks or (-ranks[w], w) > own), "")
 
+    def depends_on(name: str) -> int:
+        reached = {name}
+        pending = [name]
+        for one in pending:
+            others = {*outranked.get(one, ()), *catalog.services[one].needs, *(c.by for c in possible[one])}
+            more = {n for n in others - reached if n in possible and n not in certain}
+            pending += more
+            reached |= more
+        return len(reached)
 
-def _turned_round(
-    catalog: Catalog,
-    requests: Collection[Request],
-    preempted: dict[str, str],
-    contest: Contest,
-    priority: Mapping[str, int],
-) -> Contest:
-    """Return the contest decided the other way if the winner wins only because of the loser."""
-    winner = _lent(contest, _ranks(catalog, requests, _all_out(catalog, dict(preempted), [contest])), priority)
-    if not winner:
-        return contest  # the winner also depends on other losers; the next round handles those
-    holder, loser = catalog.services[contest.loser], catalog.services[winner]
-    shared = sorted(set(holder.exclusive) & set(loser.exclusive))
-    why = f"waits for {shared[0]}, which is taken by" if shared else "conflicts with"
-    turned = Contest(winner, f"{why} {holder.name}, for which it was requested", (holder.name,))
-    # If each requests the other, the one that is left is the one that others request too.
-    return turned if holder.name in wanted(catalog, requests, _all_out(catalog, dict(preempted), [turned])) else contest
-
-
-def _contested(catalog: Catalog, active: Wanted, priority: Mapping[str, int]) -> list[Contest]:
-    """Return unsettled contests, each service losing at most once; empty when all of them can be active."""
-    return _conflict(catalog, active, priority) or _overbooked(catalog, active, priority)
-
-
-def _conflict(catalog: Catalog, active: Wanted, priority: Mapping[str, int]) -> list[Contest]:
-    """Settle the first conflict: higher effective priority wins, then the name.
-
-    New conflicts are refused when a request or manifest arrives. The ones seen here come from requests suspended with a
-    paused requester, and from conflicts declared later.
-    """
-    pairs = conflicting(catalog.services, [n for n in active if not catalog.services[n].meta])
-    if not pairs:
-        return []
-    first, second = sorted(pairs[0], key=lambda n: (-priority[n], n))
-    return [Contest(second, f"conflicts with {first}, which has priority", (first,))]
-
-
-def _overbooked(catalog: Catalog, active: Wanted, priority: Mapping[str, int]) -> list[Contest]:
-    """Return the losers for the first exclusive resource that is requested more often than it exists."""
-    users = [
-        n
-        for n in sorted(active, key=lambda n: (-priority[n], n))
-        if catalog.services[n].exclusive and not catalog.services[n].meta
+    requested = [
+        name
+        for name, causes in possible.items()
+        if name not in certain and any(c.kind in ROOTS or c.by in certain for c in causes)
     ]
-    for resource in sorted({r for n in users for r in catalog.services[n].exclusive}):
-        left = catalog.policy.resources.get(resource, 1)
-        winners: list[str] = []
-        losers: list[Contest] = []
-        for name in users:
-            units = catalog.services[name].exclusive.get(resource, 0)
-            if units > left:
-                others = ", ".join(winners) or "nobody: there are too few"
-                losers.append(Contest(name, f"waits for {resource}, which is taken by {others}", tuple(winners)))
-            elif units:
-                winners.append(name)
-                left -= units
-        if losers:
-            return losers
-    return []
+    return min(requested, key=lambda name: (depends_on(name), ranks[name]))
+
+
+def _reasons(
+    rules: _Rules, excluded: Mapping[str, str], admitted: Wanted, asked: Wanted, ranks: Ranks
+) -> dict[str, str]:
+    """Return what would be wanted if nothing stood against it -> what does."""
+    losses = rules.losses(admitted)
+    texts = {n: _text(n, losses[n], asked, ranks) for n in asked if n in losses} | dict(excluded)
+    about = rules.with_dependants(texts)
+    return {n: texts[of] if n == of else f"{of} {texts[of]}" for n, of in about.items() if n in asked}
+
+
+def _text(loser: str, losses: Iterable[Loss], asked: Wanted, ranks: Ranks) -> str:
+    """Return the reason that counts most: that with the highest winner."""
+    loss = min(losses, key=lambda one: min((ranks[w] for w in one.winners), default=(-PROTECTED - 1, "")))
+    what = f"waits for {loss.resource}, which is taken by" if loss.resource else "conflicts with"
+    if not loss.winners:
+        return f"{what} nobody: there are too few"
+    lower = [w for w in loss.winners if ranks[w] > ranks[loser]]
+    if not lower:
+        suffix = "" if loss.resource else ", which has priority"
+    else:
+        suffix = ", for which it was requested" if loser in wanted_by(asked, lower) else ""
+    return f"{what} {', '.join(loss.winners)}{suffix}"

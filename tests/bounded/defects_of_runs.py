@@ -185,8 +185,8 @@ DEFECTS_OF_RUNS = (
     Defect(
         "conflicts are not settled",
         "core/contests.py",
-        "    return _conflict(catalog, active, priority) or _overbooked(catalog, active, priority)\n",
-        "    return _overbooked(catalog, active, priority)\n",
+        "        for one, other in conflicting(self.services, self.services):\n",
+        "        for one, other in ():\n",
         (SERVED, RIVALS, TOGETHER, "only rivals that fit are wanted"),
         2,
         CONFLICT,
@@ -215,8 +215,8 @@ DEFECTS_OF_RUNS = (
     Defect(
         "exclusive resources are not settled",
         "core/contests.py",
-        "    return _conflict(catalog, active, priority) or _overbooked(catalog, active, priority)\n",
-        "    return _conflict(catalog, active, priority)\n",
+        "        for resource in sorted({r for n in uncertain for r in self.services[n].exclusive}):\n",
+        "        for resource in ():\n",
         (SERVED, RIVALS, TOGETHER, "only rivals that fit are wanted"),
         2,
         GPU,
