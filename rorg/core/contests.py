@@ -56,7 +56,9 @@ def settle_contests(
             if why := _misfit(catalog, certain | grown):
                 impossible[chosen], grown = why, set()
         certain |= grown
-    asked = wanted(catalog, requests) if out else possible
+    if not out:
+        return possible, {}, priorities
+    asked = wanted(catalog, requests)
     reasons = _reasons(rules, impossible, possible, asked, _ranks(effective_priorities(catalog, asked, requests)))
     return possible, reasons, priorities
 
