@@ -32,8 +32,8 @@ def settle_contests(
     """Return (who may be active, who is preempted and why, effective priorities). `excluded` are services that must not
     be active, with the reason.
 
-    The set of services that are certain to be active grows round by round. What cannot be active beside them is out. Of
-    the rest, those that nothing outranks become certain. In the next round, what these request takes part.
+    The set of services that are certain to be active grows round by round. What cannot be active beside them is out.
+    The rest become certain where nothing may outrank them, and their requests count from the next round on.
     """
     rules, certain, impossible = _Rules(catalog), set[str](), dict(excluded)
     while True:
@@ -128,12 +128,8 @@ class _Rules:
         for resource in sorted({r for n in uncertain for r in self.services[n].exclusive}):
             users = [n for n in uncertain if resource in self.services[n].exclusive]
             places = [ranks[n] for n in users]
-            taken = [
-                self.services[n].exclusive[resource]
-                for n in certain
-                if n in self.services and resource in self.services[n].exclusive
-            ]
-            used = list(accumulate((self.services[n].exclusive[resource] for n in users), initial=sum(taken)))
+            taken = sum(self.services[n].exclusive.get(resource, 0) for n in self.contested if n in certain)
+            used = list(accumulate((self.services[n].exclusive[resource] for n in users), initial=taken))
             for name in users:
                 place = bisect(places, lowest[name])  # its own rank is at least this
                 if used[place] > self.units.get(resource, 1):
@@ -144,16 +140,15 @@ class _Rules:
 def _chosen_in_ring(
     catalog: Catalog, possible: Wanted, ranks: Ranks, outranked: Mapping[str, Collection[str]], certain: Collection[str]
 ) -> str:
-    """Return the service that becomes certain although it is outranked, because all are that could.
+    """Return the service that becomes certain when each candidate is outranked. Candidates are always on, or wanted by
+    a service that is certain.
 
     Nobody gives way to what it requests itself: its request would vanish, the winner with it, and the two would
-    alternate for ever. So in a ring the one that is already requested stays. Of several, it is the one that depends on
-    the fewest others, then the highest.
+    alternate for ever. The candidate that depends on the fewest others comes first, then the highest.
     """
 
     def depends_on(name: str) -> int:
-        reached = {name}
-        pending = [name]
+        reached, pending = {name}, [name]
         for one in pending:
             others = {*outranked.get(one, ()), *catalog.services[one].needs, *(c.by for c in possible[one])}
             more = {n for n in others - reached if n in possible and n not in certain}
@@ -161,12 +156,12 @@ def _chosen_in_ring(
             reached |= more
         return len(reached)
 
-    requested = [
+    candidates = [
         name
         for name, causes in possible.items()
         if name not in certain and any(c.kind in ROOTS or c.by in certain for c in causes)
     ]
-    return min(requested, key=lambda name: (depends_on(name), ranks[name]))
+    return min(candidates, key=lambda name: (depends_on(name), ranks[name]))
 
 
 def _reasons(
