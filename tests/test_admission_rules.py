@@ -112,7 +112,7 @@ def test_units_of_a_resource_are_counted():
     catalog = replace(catalog, policy=Policy(resources={"lane": 1}))
     found = admitted(catalog, ask("a"), ask("b"))
     assert names(found) == {"b"}
-    assert found.preempted == {"a": "waits for lane, which is taken by nobody: there are too few"}
+    assert found.preempted == {"a": "waits for lane, which has fewer units than it uses"}
 
 
 # -- holds -----------------------------------------------------------------------------------------------------

@@ -25,7 +25,7 @@ says what rorg needs of an engine, and which engine has it. A test tries each ce
 - **no: something else**: rorg does that instead.
 
 `rorg doctor` says which engine answers, and what it lacks. How rorg uses an engine, and what it does when the engine
-does not answer, is told in [What an engine does](../explanation/engines.md).
+does not answer, is in [What an engine does](../explanation/engines.md).
 
 Podman was tried on a machine with control groups of version 1 and without systemd, where it lacks more than elsewhere:
 without systemd it checks no health, and without root it has no control groups of version 1.

@@ -177,9 +177,9 @@ def _reasons(
 def _text(loser: str, losses: Iterable[Loss], asked: Wanted, ranks: Ranks) -> str:
     """Return the reason that counts most: that with the highest winner."""
     loss = min(losses, key=lambda one: min((ranks[w] for w in one.winners), default=(-PROTECTED - 1, "")))
-    what = f"waits for {loss.resource}, which is taken by" if loss.resource else "conflicts with"
     if not loss.winners:
-        return f"{what} nobody: there are too few"
+        return f"waits for {loss.resource}, which has fewer units than it uses"
+    what = f"waits for {loss.resource}, which is taken by" if loss.resource else "conflicts with"
     lower = [w for w in loss.winners if ranks[w] > ranks[loser]]
     if not lower:
         suffix = "" if loss.resource else ", which has priority"

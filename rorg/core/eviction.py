@@ -69,8 +69,8 @@ def _beginning(memory: Memory, states: Mapping[str, str], load: Load) -> bool:
 
 
 def _useful(victims: Victims, lower: Collection[str], limits: Thresholds) -> frozenset[str]:
-    """Return the measures that would help now: they change something that uses what is short. To close admission
-    helps whoever runs, because it holds back requests that are yet to come."""
+    """Return the measures that would help now: they change something that uses what is short. Closing
+    admission helps the services that run: it holds back later requests."""
     services, admission, states, use = victims.catalog.services, victims.admission, victims.states, victims.use
     idle = [n for n in states if n in services and n not in admission.wanted]
     lingering = [n for n in idle if states[n] == "running" and n not in admission.preempted]

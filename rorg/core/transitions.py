@@ -174,7 +174,7 @@ def _ended_with_another(progress: Progress, service: Service, evidence: Evidence
 
 def _excused(progress: Progress, service: Service, current: Container | None, evidence: Evidence) -> Progress:
     """Blame no program for an end while the engine did not answer: a restart of Docker ends all of them. But what ends
-    for good is over, whatever ended it: it must not run twice."""
+    for good is over, and must not run twice."""
     if not evidence.outage or current is None or not current.ended or current.incarnation != progress.incarnation:
         return progress
     return progress.with_stopped(current.incarnation) if service.restarts_after(current.exit_code) else progress

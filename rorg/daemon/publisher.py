@@ -39,7 +39,7 @@ class Publisher:
         self._published = ""
         self._due = 0.0
         self._next: dict[str, Any] | None = None
-        """What is to be published beside the decision."""
+        """What flush() will publish beside the decision."""
 
     def note(self, decision: Decision) -> None:
         """Must be called with every decision, before anyone else sees it."""
@@ -50,7 +50,7 @@ class Publisher:
         return self._snapshots.text({**self.about(), **about})
 
     def publish(self, tree: Tree, requests: RequestsFile) -> None:
-        """Keep what is to be published until flush()."""
+        """Keep the state until flush() publishes it."""
         if self._next is None:
             self._due = max(self.clock() + AFTER, self._due)
         self._next = {**self.about(), **about_tree(tree, requests)}

@@ -40,8 +40,7 @@ class _Known(NamedTuple):
 
 
 class RequestLog:
-    """Reads the journal. What is asked about again and again, each time from where the last answer ended, is read
-    once."""
+    """Reads the journal. Each question continues where the last answer ended, so that nothing is read twice."""
 
     def __init__(self, journal: Journal) -> None:
         self.journal = journal

@@ -96,7 +96,7 @@ class UsageTable:
         ]
 
     def slots(self, begin: str, end: str) -> list[Slot]:
-        """What was used from `begin` to `end` (ISO 8601 in UTC), in order of time. Empty for an older file."""
+        """Return the use from `begin` to `end` (ISO 8601 in UTC), in order of time. Empty for an older file."""
         if not self.database.rows("SELECT 1 FROM sqlite_master WHERE name = 'usage'"):
             return []
         rows = self.database.rows(SLOTS, (begin[:SLOT], end[:SLOT]))

@@ -105,7 +105,7 @@ def svg(drawing: Drawing) -> str:
 
 
 def label(drawing: Drawing, name: str) -> str:
-    """What a box says."""
+    """Return the text of a box."""
     look = drawing.looks.get(name)
     return f"{LOOKS[look].sign} {name}" if look else name
 

@@ -26,7 +26,7 @@ class Story(NamedTuple):
     begin: float
     end: float
     requests: Mapping[str, Sequence[Bar]]
-    """What was requested, by whom -> when."""
+    """Requests (service and requester) -> when."""
     services: Mapping[str, Sequence[Bar]]
     machine: Use | None
 

@@ -1,1 +1,1 @@
-"""A page in the browser: a client of the API like any other, with the rights of whoever started it."""
+"""A page in the browser: a client of the API like any other, with the rights of the user who started it."""

@@ -70,7 +70,7 @@ class Task:
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """What one look has found."""
+    """The findings of one look."""
 
     began: float
     """When it began (monotonic)."""
@@ -208,7 +208,7 @@ def _exit_code(labels: Mapping[str, str]) -> int | None:
 
 
 def read_parked(configs: Iterable[Row]) -> dict[str, Parked]:
-    """Read the specs that wait in configs. What cannot be read is not ours."""
+    """Read the specs that wait in configs. Configs that cannot be read are not ours."""
     parked: dict[str, Parked] = {}
     for config in configs:
         try:
