@@ -10,7 +10,7 @@ import commands
 import psutil
 import pytest
 from conftest import wait_for
-from robots import WORK, VirtualRobot
+from robots import WORK, VirtualRobot, write_tree
 from rorg_client import Client, Forbidden
 from rorg_process import RorgProcess
 
@@ -54,11 +54,11 @@ def pids(robot: RorgProcess) -> set[int]:
     return {s["pid"] for s in robot.client().services() if s["pid"]}
 
 
-def nothing_is_left(robot: RorgProcess, programs: set[int]) -> bool:
-    """But whose robot it is, and that it is down."""
-    return sorted(p.name for p in robot.state.iterdir()) == ["instance", "requests.yaml"] and not any(
-        map(runs, programs)
-    )
+def nothing_is_left(robot: RorgProcess, programs: set[int], history: bool = True) -> bool:
+    """But whose robot it is, that it is down, and its history."""
+    left = {p.name for p in robot.state.iterdir()} - ({"journal.db-wal", "journal.db-shm"} if history else set())
+    stays = {"instance", "requests.yaml"} | ({"journal.db"} if history else set())
+    return left == stays and not any(map(runs, programs))
 
 
 def runs(pid: int) -> bool:
@@ -111,6 +111,42 @@ def test_requests_can_be_kept(robot):
     robot.start()
     wait_for(lambda: (robot.state / "run/rorg.sock").exists())
     robot.client(patience=10.0).wait("map", timeout=30)
+
+
+@pytest.mark.parametrize("end", ["serving", "killed"])
+def test_the_history_outlives_it_unless_it_is_to_be_forgotten(robot, end):
+    """The robot that comes up again is the same one."""
+    wait_for(lambda: "good" in rorg(robot, "history").stdout)
+    if end == "killed":
+        robot.stop(kill=True)
+    done = rorg(robot, "down", "--yes")
+    assert "the history stays" in done.stderr
+    assert "good" in rorg(robot, "history").stdout
+    assert "the robot is taken down" in rorg(robot, "events", "--tail", "200").stdout or end == "killed"
+    robot.start()
+    wait_for(lambda: (robot.state / "run/rorg.sock").exists())
+    robot.client(patience=10.0).wait("behavior", timeout=30)
+    said = rorg(robot, "events", "--tail", "500").stdout
+    assert "requested by developer (go)" in said, "from before"
+    programs = pids(robot)
+    if end == "killed":
+        robot.stop(kill=True)
+    done = rorg(robot, "down", "--yes", "--forget")
+    assert "the history is removed: all events and 1 revision of the manifests" in done.stderr
+    wait_for(lambda: nothing_is_left(robot, programs, history=False))
+
+
+def test_what_failed_before_it_was_taken_down_is_not_good_afterwards(robot):
+    wait_for(lambda: "good" in rorg(robot, "history").stdout)
+    bad = {**SERVICES, "behavior": {"always_on": True, "command": ["sh", "-c", "exit 7"]}}
+    write_tree(robot.tree, bad)
+    wait_for(lambda: "failed" in rorg(robot, "history").stdout)
+    rorg(robot, "down", "--yes")
+    robot.start()
+    wait_for(lambda: (robot.state / "run/rorg.sock").exists())
+    robot.client(patience=10.0).wait("base", timeout=30)
+    assert rorg(robot, "history").stdout.count("good") == 1
+    assert "failed" in rorg(robot, "history").stdout
 
 
 def test_what_is_begun_is_ended_by_the_next_rorg(tmp_path):
@@ -195,13 +231,13 @@ def test_that_it_is_down_is_noted_last(tmp_path):
     state = StateDir(tmp_path / "state").prepare()
     file = RequestsFile(state.requests)
     file.change(lambda asked: replace(asked, down=True))
-    (state.path / "journal.db").write_text("")
+    (state.path / "status.json").write_text("{}")
     text = state.requests.read_text()
     state.requests.unlink()
     state.requests.mkdir()  # the note is refused
     with pytest.raises(RorgError):
         clear(state, 0.0)
-    assert not (state.path / "journal.db").exists()
+    assert not (state.path / "status.json").exists()
     state.requests.rmdir()
     state.requests.write_text(text)
     clear(state, 0.0)

@@ -59,9 +59,15 @@ def revisions(robot) -> list:
         return Revisions(database).list(100)
 
 
+def stands(robot, commit: str, standing: str) -> None:
+    """Waits until a commit is on record with a standing."""
+    what = f"{standing} {commit}"
+    wait_for(lambda: any((r.commit, r.standing) == (commit, standing) for r in revisions(robot)), what=what)
+
+
 def good(robot, commit: str) -> dict[str, str]:
     """Waits until a commit is on record as good; what runs then."""
-    wait_for(lambda: any((r.commit, r.standing) == (commit, "good") for r in revisions(robot)), what=f"good {commit}")
+    stands(robot, commit, "good")
     return made(robot)
 
 
@@ -148,7 +154,7 @@ def test_twice_goes_further_back(running):
     rorg(running, "rollback", "--yes")
     assert made(running) == running.was
     good(running, git(running, "rev-parse", "HEAD"))
-    assert "no good state of the manifests before this one" in rorg(running, "rollback", "--yes", code=5)
+    assert "no earlier revision is proven" in rorg(running, "rollback", "--yes", code=5)
 
 
 def test_what_git_has_not_is_passed_over(running):
@@ -179,9 +185,10 @@ def test_from_manifests_that_are_refused(running):
 
 def test_a_service_that_is_requested_goes_with_the_same_yes(running):
     third = commit(running, "three", {"arm": says(2), "base": says(2), "extra": {}})
-    good(running, third)
+    stands(running, third, "untested")
     running.request("extra")
     running.wait(lambda: "extra" in running.active())
+    good(running, third)
     said = rorg(running, "rollback", running.second, "--yes")
     assert "To remove after you confirm, although still named: extra" in said
     assert made(running) == running.now
@@ -211,7 +218,7 @@ def test_a_robot_without_a_history_goes_by_git(tmp_path):
     git(robot, "init", "--quiet")
     first = commit(robot, "one", {"arm": says(1)})
     commit(robot, "two", {"arm": says(2)})
-    assert "no good state" in rorg(robot, "rollback", "--yes", code=5)
+    assert "no earlier revision is proven" in rorg(robot, "rollback", "--yes", code=5)
     rorg(robot, "rollback", "HEAD~1", "--yes")
     assert git(robot, "diff", first) == ""
     robot.close()

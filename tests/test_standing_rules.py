@@ -18,7 +18,7 @@ from rorg.core.operations import Update as SetOptions
 from rorg.core.overview import Overview
 from rorg.core.plan import Action, Part
 from rorg.core.situation import MissingImage
-from rorg.core.standing import APPLYING, BAKING, FAILED, GOOD, Standing, standing
+from rorg.core.standing import APPLYING, BAKING, FAILED, GOOD, UNTESTED, Standing, standing
 from rorg.core.update import Update
 from rorg.model.catalog import Catalog, Service, Updating
 
@@ -46,14 +46,15 @@ def decision(*services: Service, seen: tuple[Container, ...] = (), **more: Any) 
 
 
 def stands(*services: Service, good: bool = False, **more: Any) -> Standing:
-    return standing(decision(*services, **more), good)
+    return standing(decision(*services, **more), Standing(GOOD) if good else None)
 
 
 def test_it_is_good_when_all_have_what_they_need_and_stayed_well():
     assert stands(ON, seen=(box(),)) == Standing(GOOD)
-    assert stands(BASE, seen=(box(state="exited"),), memory=Memory()) == Standing(GOOD), (
-        "idle ones need their container"
-    )
+    idle = decision(BASE, seen=(box(state="exited"),), memory=Memory())
+    assert standing(idle) == Standing(UNTESTED, "no service has run yet")
+    assert standing(idle, None, {"base"}) == Standing(UNTESTED, "not run since the change: base")
+    assert standing(idle, None, ()) == Standing(GOOD), "what did not change was good before"
 
 
 def test_it_bakes_until_all_that_is_asked_for_has_stayed_well():
@@ -88,21 +89,30 @@ def test_a_failed_change_counts_even_for_what_was_good():
         assert stands(ON, seen=(box(),), memory=failed, good=good) == Standing(FAILED, "base: it ended")
 
 
-def stalled(service: Service = ON, **more: Any) -> Memory:
+def broken(service: Service = ON, **more: Any) -> Memory:
+    """It ended again and again in the desired edition."""
     edition = baked(service).update.edition
-    known = {"exits": STALLED_AFTER, "error": "exit code 1", "exited": RUN, "update": Update(edition=edition)}
-    return Memory({service.name: replace(Progress(), **{**known, **more})})
+    known = {"exits": STALLED_AFTER, "error": "exit code 1", "exited": RUN, "update": Update(edition=edition, **more)}
+    return Memory({service.name: replace(Progress(), **known)})
 
 
-def test_what_does_not_come_up_at_all_makes_it_fail():
+def test_what_ends_again_and_again_makes_it_fail():
     ended = box(state="exited", exit_code=1)
-    waits = {"attempts": {}}
-    found = stands(ON, seen=(ended,), memory=stalled(**waits))
-    assert found == Standing(FAILED, "base: exit code 1")
-    assert stands(BASE, seen=(ended,), memory=stalled(BASE)) == Standing(GOOD), "nobody asks for it"
+    fails = Standing(FAILED, "base: exit code 1")
+    assert stands(ON, seen=(ended,), memory=broken()) == fails
     edition = baked(ON).update.edition
-    later = stalled(update=Update(edition=edition, baked=edition))
-    assert stands(ON, seen=(ended,), memory=later).code != FAILED, "it was well before: later trouble"
+    assert stands(ON, seen=(ended,), memory=broken(baked=edition), good=True) == fails, "it was well before"
+    released = Memory({"base": replace(Progress(), update=Update(edition=edition, broken="exit code 1"))})
+    assert stands(BASE, seen=(ended,), memory=released) == fails, "a release repairs nothing"
+
+
+def test_what_failed_stays_so_until_it_is_proven():
+    failed = Standing(FAILED, "base: image x cannot be pulled")
+    idle = decision(BASE, seen=(box(state="exited"),), memory=Memory())
+    assert standing(idle, failed, {"base"}) == failed, "its image is there now, and it has not run"
+    assert standing(decision(ON, seen=(box(),)), failed, {"base"}) == Standing(GOOD)
+    unanswered = decision(ON, seen=(box(),), complete=False)
+    assert standing(unanswered, failed, {"base"}) == failed
 
 
 def test_an_image_that_cannot_be_had_makes_it_fail():

@@ -191,16 +191,19 @@ def confirm(current: Current, names: tuple[str, ...]) -> Change:
     return _about(Change(edit, "removal", f"removal of {', '.join(names)} confirmed", names))
 
 
-def down(keep_requests: bool, volumes: bool, suspended: str) -> Change:
-    """Takes the robot down: ceases and removes everything, then rorg ends. Requests are forgotten unless they are kept
-    for the next run. `volumes`: removes its volumes too. Raises Refused while rorg is suspended."""
+def down(keep_requests: bool, volumes: bool, forget: bool, suspended: str) -> Change:
+    """Takes the robot down: stops and removes everything, then rorg ends. Requests are forgotten unless they are kept
+    for the next run. `volumes`: removes its volumes too; `forget`: also its history. Raises Refused while rorg is
+    suspended."""
     if suspended:
         raise Refused("take the robot down", f"rorg is {suspended}", "`rorg suspend --end` first")
 
     def edit(document: RequestsDocument) -> RequestsDocument:
-        return replace(document if keep_requests else RequestsDocument(), down=True, down_since="", purge=volumes)
+        kept = document if keep_requests else RequestsDocument()
+        return replace(kept, down=True, down_since="", purge=volumes, forget=forget)
 
     told = "the robot is taken down" + (" with its volumes" if volumes else "")
+    told += ", its history is forgotten" if forget else ""
     return Change(edit, "down", told + (", its requests are kept" if keep_requests else ""))
 
 

@@ -15,6 +15,7 @@ from rorg.api.callers import needs
 from rorg.api.events import Lines, When, answering_lines
 from rorg.api.history_models import (
     Comparison,
+    EarlierView,
     MeasuredView,
     RecordView,
     Requested,
@@ -62,6 +63,12 @@ def add_history(app: FastAPI, operations: Operations) -> None:
     ) -> Response:
         """The revisions of the manifests that were applied or refused, the newest first."""
         return text(queries.listed(_revisions(operations), most, before))
+
+    @app.get("/v1/rollback", dependencies=history, response_model=list[EarlierView])
+    def earlier() -> Response:
+        """The revisions that a rollback may return to, the newest first: those from before the manifests in force,
+        each with the doubt about it."""
+        return text(queries.earlier(operations.recorder.history))
 
     @app.get("/v1/history/{a:path}/diff/{b:path}", dependencies=history, response_model=Comparison)
     def compared(a: str, b: str) -> Response:

@@ -20,9 +20,10 @@ class RevisionView(BaseModel):
     subject: str = Field(description="Of the commit.")
     dirty: bool = Field(description="Files differed from the commit.")
     robot: str = Field(description="The robot whose overlay counted.")
-    standing: str = Field(description="applying, baking, good, failed, superseded or refused.")
+    standing: str = Field(description="applying, baking, untested, good, failed, superseded or refused.")
     reason: str = Field(description="Why it has that standing.")
     settled_at: str = Field(description="ISO 8601, UTC: when it got that standing.")
+    proven_at: str = Field(description="ISO 8601, UTC: when it became good for the first time.")
     errors: list[str] = Field(description="If it was refused.")
 
 
@@ -41,6 +42,13 @@ class RevisionDetail(RevisionView):
 
     plan: str = Field(description="The actions that rorg took for it, as text.")
     services: dict[str, MadeView]
+
+
+class EarlierView(BaseModel):
+    """A revision that a rollback may return to."""
+
+    number: int
+    doubt: str = Field(description="Why it cannot be trusted; empty if each service that changes was proven then.")
 
 
 class FieldChange(BaseModel):

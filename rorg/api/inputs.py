@@ -114,6 +114,7 @@ class DownBody(Body):
 
     keep_requests: bool = Field(False, description="Keep the requests for the next run of rorg.")
     volumes: bool = Field(False, description="Also remove its volumes with all data.")
+    forget: bool = Field(False, description="Also remove its history: events and revisions.")
 
 
 class PutManifest(Body):

@@ -70,10 +70,10 @@ def _add_operation(app: FastAPI, operations: Operations, call: str, operation: c
 def _add_down(app: FastAPI, operations: Operations) -> None:
     @app.put("/v1/down", dependencies=[needs("down")], status_code=204, response_class=Response)
     async def down(body: DownBody, caller: Who) -> Response:
-        """Cease and remove everything, in order, regardless of requests; then rorg ends. The robot stays down until a
-        person runs rorg again."""
+        """Stop and remove everything, in order, regardless of requests; then rorg ends. The robot stays down until a
+        person runs rorg again. Its history stays unless it is forgotten."""
         suspended = operations.decision.situation.suspended
-        return await applied(operations, caller, changes.down(body.keep_requests, body.volumes, suspended))
+        return await applied(operations, caller, changes.down(body.keep_requests, body.volumes, body.forget, suspended))
 
     @app.delete("/v1/down", dependencies=[needs("down")], status_code=204, response_class=Response)
     async def up(caller: Who) -> Response:

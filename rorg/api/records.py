@@ -88,7 +88,7 @@ RECORD = Message("Record", (Field(1, "revision", "Revision"), Field(2, "event", 
 REVISION = _message(
     "Revision",
     RevisionDetail,
-    "number at fingerprint commit author subject dirty robot standing reason settled_at plan errors services",
+    "number at fingerprint commit author subject dirty robot standing reason settled_at plan errors services proven_at",
 )
 MADE = _message("Made", MadeView, "digest declared image image_id edition")
 EVENT = _message(

@@ -45,7 +45,7 @@ class SummaryView(BaseModel):
     robot: str = Field(description="Whose overlay is used; empty for the base alone.")
     machine: str = Field(description="Which of its computers this is; empty if it has only one.")
     revision: str = Field(description="The git commit of its manifests; empty without one.")
-    standing: str = Field(description="applying, baking, good, failed; refused if the manifests have errors.")
+    standing: str = Field(description="applying, baking, untested, good, failed; refused if the manifests have errors.")
     reason: str = Field(description="Why it is not good.")
     health: dict[str, int] = Field(description="How many wanted services have each health.")
     degraded: list[str] = Field(description="Services that are wanted and Degraded; at most 20.")

@@ -26,10 +26,11 @@ def command(
     yes: Yes = False,
     keep_requests: Annotated[bool, Option("Keep the requests for the next `rorg run`.")] = False,
     volumes: Annotated[bool, Option("Also remove the robot's volumes with all data.")] = False,
+    forget: Annotated[bool, Option("Also remove the robot's history: all events and revisions.")] = False,
     timeout: Timeout = 300.0,
 ) -> None:
-    """Stop and remove all services of this robot, in order, then its networks, and forget it. Manifests stay, and so
-    do volumes, unless they are to go too. rorg never removes anything that it did not make.
+    """Stop and remove all services of this robot, in order, then its networks. Manifests stay, and so do volumes and
+    the history, unless you say otherwise. rorg never removes anything that it did not make.
 
     Example: rorg down --yes
     """
@@ -40,13 +41,14 @@ def command(
     if client is None and context.state.owner() is not None:
         raise Unreachable("take the robot down", "the rorg that owns it does not answer", "again in a moment")
     if client is None:
-        _alone(context, yes, keep_requests, volumes, timeout)
+        _alone(context, yes, keep_requests, volumes, forget, timeout)
     else:
         view = client.status()
         rows = [*_rows(view["services"]), *_object_rows(view.get("objects", ()), volumes)]
-        _consent(rows, len(view["requests"]), keep_requests, yes)
-        # An older rorg refuses the field `volumes`.
-        client.call("PUT", "/v1/down", {"keep_requests": keep_requests} | ({"volumes": True} if volumes else {}))
+        _consent(context, rows, len(view["requests"]), keep_requests, forget, yes)
+        # An older rorg refuses the other fields.
+        more = {name: True for name, said in (("volumes", volumes), ("forget", forget)) if said}
+        client.call("PUT", "/v1/down", {"keep_requests": keep_requests} | more)
         _until_gone(context, timeout)
     note("the robot is down")
     if others:
@@ -88,7 +90,9 @@ def _object_rows(views: Iterable[dict[str, Any]], volumes: bool) -> list[dict[st
     ]
 
 
-def _consent(rows: list[dict[str, str]], requests: int, keep_requests: bool, yes: bool) -> None:
+def _consent(
+    context: Context, rows: list[dict[str, str]], requests: int, keep_requests: bool, forget: bool, yes: bool
+) -> None:
     """Shows what will be removed, and asks. Raises Refused."""
     if rows:
         note(table(rows, ("name", "state", "remark")))
@@ -98,8 +102,22 @@ def _consent(rows: list[dict[str, str]], requests: int, keep_requests: bool, yes
         f"to stop and remove: {counted(len(services), 'service')}; requests {kept}: {requests}; "
         "then rorg ends, and the manifests stay"
     )
+    note(
+        _lost_history(context) if forget else "the history stays: `rorg history`, `rorg rollback`; --forget removes it"
+    )
     if not yes:
         consent("take the robot down", "Take this robot down?")
+
+
+def _lost_history(context: Context) -> str:
+    """What a person loses with the history."""
+    from rorg.cli.records import records_of
+
+    with records_of(context) as records:
+        newest = records.listed(1)
+    number = newest[0]["number"] if newest else 0
+    lost = f"all events and {counted(number, 'revision')} of the manifests"
+    return f"the history is removed: {lost}; `rorg rollback` and `rorg restore` cannot return to any of them"
 
 
 def _until_gone(context: Context, timeout: float) -> None:
@@ -118,7 +136,7 @@ def _until_gone(context: Context, timeout: float) -> None:
     raise NotReady("take the robot down", f"not done after {timeout:g} s: {left}", "`rorg describe` for details")
 
 
-def _alone(context: Context, yes: bool, keep_requests: bool, volumes: bool, timeout: float) -> None:
+def _alone(context: Context, yes: bool, keep_requests: bool, volumes: bool, forget: bool, timeout: float) -> None:
     """Takes the robot down if no rorg runs: the loop runs here until nothing is left."""
     from rorg.api.changes import down
     from rorg.daemon.wiring import make_loop
@@ -134,8 +152,8 @@ def _alone(context: Context, yes: bool, keep_requests: bool, volumes: bool, time
         c.service: {"state": c.state, "driver": c.service in known and known[c.service].driver} for c in containers
     }
     rows = [*_rows(there), *_object_rows(_ours(context), volumes)]
-    _consent(rows, len(context.document().requests), keep_requests, yes)
-    context.change(down(keep_requests, volumes, "").edit)
+    _consent(context, rows, len(context.document().requests), keep_requests, forget, yes)
+    context.change(down(keep_requests, volumes, forget, "").edit)
     loop = make_loop(
         context.root,
         context.state,

@@ -37,8 +37,8 @@ def command(
     ] = None,
     output: Output = "table",
 ) -> None:
-    """List the revisions of the manifests and the standing of each: applying, baking, good, failed, superseded or
-    refused. `show` one, `diff` two, or `export` everything.
+    """List the revisions of the manifests and the standing of each: applying, baking, untested, good, failed,
+    superseded or refused. `show` one, `diff` two, or `export` everything.
 
     Example: rorg history diff 3 7
     """
@@ -63,6 +63,7 @@ def _print(revisions: list[dict[str, Any]], output: str) -> None:
             **revision,
             "when": revision["at"][:19].replace("T", " "),
             "commit": _commit(revision),
+            "standing": standing_text(revision),
             "author": revision["author"] or "-",
             "subject": revision["subject"] or "-",
             "settled": revision["settled_at"][:19].replace("T", " ") or "-",
@@ -71,6 +72,13 @@ def _print(revisions: list[dict[str, Any]], output: str) -> None:
     ]
     columns = ("number", "when", "commit", "author", "standing", "subject")
     print_rows(rows, output, columns, ("settled", "reason", "robot"), full=revisions, below=("subject", "author"))
+
+
+def standing_text(revision: dict[str, Any]) -> str:
+    """The standing of a revision as people read it: what was good does not look as if it had never worked."""
+    if revision["standing"] == "failed" and revision.get("proven_at"):
+        return f"good, then failed at {revision['settled_at'][11:16]}"
+    return str(revision["standing"])
 
 
 def _commit(revision: dict[str, Any]) -> str:
@@ -89,7 +97,7 @@ def _show(revision: dict[str, Any], output: str) -> None:
     facts = {name: revision[name] for name in names if revision[name]} | (
         {"commit": _commit(revision)} if revision["commit"] else {}
     )
-    echo(f"revision {revision['number']}: {revision['standing']}")
+    echo(f"revision {revision['number']}: {standing_text(revision)}")
     for name, value in facts.items():
         echo(entry(f"  {name.removesuffix('_at'):<8} ", value))
     for error in revision["errors"]:

@@ -45,4 +45,5 @@ def command(
             note(line)
         agree(context, owner, shown, "restore", question="Restore that?", yes=yes, nothing=not requests.lines())
 
-    go_back(context, root, wanted, agreed, command="rorg restore", waiting=(wait, timeout), then=requests.restore)
+    waiting, then = (wait, timeout), requests.restore
+    go_back(context, root, wanted, agreed, command="rorg restore", doubt=goal.doubt, waiting=waiting, then=then)

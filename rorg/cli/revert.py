@@ -12,6 +12,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from rorg_client import Error as ClientError
+
 from rorg.cli.apply import READY, bring_about, taken
 from rorg.cli.context import Context
 from rorg.cli.differences import Differences, differences
@@ -30,8 +32,6 @@ NO_TIME = re.compile(r"[0-9]+|[0-9a-f]{7,}")
 """A number of `rorg history` or a commit, even if it could be read as a time."""
 Agreed = Callable[[dict[str, Any] | None, Differences], None]
 """Shows the plan and its owner, and asks. Raises Refused."""
-TRIED = 20
-"""Good revisions that are checked for a complete commit."""
 NAMED = 10
 """Files that an error names."""
 KNOWN = 1000
@@ -47,6 +47,8 @@ class Goal:
     name: str
     """Its name: a number of `rorg history`, or what git understands."""
     subject: str
+    doubt: str = ""
+    """Why it is not known to work; empty if it is, or if nothing is on record of it."""
 
     @property
     def title(self) -> str:
@@ -92,30 +94,48 @@ class Known:
             return load_at(tree, revision.commit).catalog.fingerprint == revision.fingerprint
         return False
 
-    def good_before(self, root: Path) -> Revision:
-        """The last good revision with a complete commit, from before the current manifests were first in force: rolling
-        back twice goes further back. Raises Refused."""
-        now = next(iter(self.revisions), None)
-        same = [r for r in self.revisions if r == now or (now and r.fingerprint == now.fingerprint != "")]
-        since = now if now and now.standing == "refused" else next(iter(same[-1:]), None)
-        before = [r for r in self.revisions if since and r.number < since.number and r.standing == "good"]
-        good = next((r for r in before[:TRIED] if self.committed(r, root)), None)
-        if good is None:
-            why = "no good state of the manifests before this one is on record"
+    @cached_property
+    def earlier(self) -> dict[int, str]:
+        """The revisions that a rollback may return to, by number, the newest first, each with the doubt about it."""
+        with records_of(self.context) as records:
+            return {row["number"]: row["doubt"] for row in records.earlier()}
+
+    def doubt(self, revision: Revision) -> str:
+        """Why a revision is not known to work; empty if it is."""
+        if revision.standing == "failed":
+            return f"revision {revision.number} failed: {revision.reason}"
+        doubt = self.earlier.get(revision.number, "" if revision.standing == "good" else f"it is {revision.standing}")
+        return f"revision {revision.number} is not known to work: {doubt}" if doubt else ""
+
+    def doubt_about(self, commit: str) -> str:
+        """The same of the last revision of a commit, if one is on record."""
+        with contextlib.suppress(RorgError, ClientError):  # git finds a commit also if the history may not be read
+            found = next((r for r in self.revisions if r.commit == commit and not r.dirty), None)
+            return self.doubt(found) if found else ""
+        return ""
+
+    def proven_before(self, root: Path) -> Revision:
+        """The last revision before the current one that can be trusted and has a complete commit. Raises Refused."""
+        known = [r for number in self.earlier if (r := self.get(number))]
+        trusted = (r for r in known if not self.earlier[r.number])
+        found = next((r for r in trusted if self.committed(r, root)), None)
+        if found is None:
+            doubts = [f"revision {r.number}: {self.earlier[r.number] or 'git does not have all of it'}" for r in known]
+            why = "; ".join(["no earlier revision is proven", *doubts[:NAMED]])
             raise Refused("roll back", why, "`rorg rollback REV`, with a REV of `rorg history` or `git log`")
-        return good
+        return found
 
 
 def goal_of(text: str, revisions: Known, root: Path) -> Goal:
     """The goal that a REV names; by default the last good one. Raises Missing and Refused."""
-    revision = parse(text, revisions) if text else revisions.good_before(root)
+    revision = parse(text, revisions) if text else revisions.proven_before(root)
     if isinstance(revision, Revision):
         return goal(revision, revisions, root)
     commit = commit_of(root, revision)
     if not commit:
         why = "no such number in `rorg history`, and git knows no such commit, tag or branch"
         raise Missing(f"find the revision '{text}'", why, "`rorg history`, or `git log`")
-    return Goal(commit, revision, subject_of(root, commit))
+    return Goal(commit, revision, subject_of(root, commit), revisions.doubt_about(commit))
 
 
 def goal(revision: Revision, revisions: Known, root: Path) -> Goal:
@@ -126,7 +146,7 @@ def goal(revision: Revision, revisions: Known, root: Path) -> Goal:
         if revision.dirty:
             why = f"it was {commit} with uncommitted changes"
         raise Refused(f"go back to revision {revision.number}", why, "another revision of `rorg history`")
-    return Goal(revision.commit, str(revision.number), revision.subject)
+    return Goal(revision.commit, str(revision.number), revision.subject, revisions.doubt(revision))
 
 
 def moment_of(text: str, revisions: Known, root: Path, now: float) -> tuple[str, Goal]:
@@ -204,8 +224,12 @@ def all_committed(root: Path, robot: str) -> None:
     manifests = [os.path.relpath(path, top) for path in tree_files(root, robot)]
     files = [*changed(top, root), *unknown(top, manifests)]
     if files:
-        shown = ", ".join(files[:NAMED]) + (f" and {len(files) - NAMED} more" if len(files) > NAMED else "")
-        raise Refused("go back", f"not committed: {shown}", f"`git -C {top} commit`, or `stash --include-untracked`")
+        remedy = f"`git -C {top} commit`, or `stash --include-untracked`"
+        raise Refused("go back", f"not committed: {_listed(files)}", remedy)
+
+
+def _listed(files: list[str]) -> str:
+    return ", ".join(files[:NAMED]) + (f" and {len(files) - NAMED} more" if len(files) > NAMED else "")
 
 
 def go_back(
@@ -215,10 +239,12 @@ def go_back(
     agreed: Agreed,
     *,
     command: str,
+    doubt: str = "",
     waiting: tuple[bool, float],
     then: Callable[[], None] = lambda: None,
 ) -> bool:
-    """Shows the plan and asks (`agreed`), commits, calls `then`, and carries it out. `waiting`: whether to wait until
+    """Shows the plan, the files that change and the `doubt` about the goal, and asks (`agreed`). Then commits, calls
+    `then`, and carries it out. `waiting`: whether to wait until
     everything is ready, and for how many seconds. False if there was nothing to commit. Raises Refused and NotReady."""
     from rorg.host.person import caller
 
@@ -228,6 +254,10 @@ def go_back(
     owner = taken(context, command)
     made = wanted.commit(caller(os.environ, os.getuid(), os.getgid()), os.environ)
     shown = differences(context, rev=made) if made else differences(context)
+    if made:
+        note(f"files that change: {_listed(wanted.files(made))}")
+    if doubt:
+        note(f"caution: {doubt}")
     agreed(owner, shown)
     if made:
         wanted.take(made)

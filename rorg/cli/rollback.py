@@ -13,7 +13,7 @@ from rorg.cli.output import echo, note
 def command(
     context: Tree,
     revision: Annotated[
-        str, Argument("REV: a number from `rorg history`, or a commit as in git. Default: the last good one.")
+        str, Argument("REV: a number from `rorg history`, or a commit as in git. Default: the last proven one.")
     ] = "",
     service: Annotated[str, Option("Only the manifest of this service.", metavar="SERVICE", completes=SERVICES)] = "",
     *,
@@ -37,5 +37,6 @@ def command(
     wanted = restoring(root, context.robot, goal, service)
     what = f"roll {service or 'the manifests'} back"
     agreed = partial(agree, context, what=what, question=f"{wanted.message}?", yes=yes)
-    if not go_back(context, root, wanted, agreed, command="rorg rollback", waiting=(wait, timeout)):
+    waiting = wait, timeout
+    if not go_back(context, root, wanted, agreed, command="rorg rollback", doubt=goal.doubt, waiting=waiting):
         note(f"{wanted.message}: the same already")

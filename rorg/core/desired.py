@@ -67,9 +67,12 @@ def desire(
     images: Mapping[str, str] | None = None,
 ) -> Desired:
     """Derive the desired state of a catalog. `run` is the directory of rorg's sockets. `images` maps an Image of the
-    tree to the reference that stands for its content, so a container's digest changes with the content of its image."""
-    contents = contents or {}
-    catalog = _from_images(_located(catalog, run), images or {})
+    tree to the reference that stands for its content, so a container's digest changes with the content of its image.
+    `contents` has the digests of the files that each service mounts from the tree."""
+    mounted = contents or {}
+    catalog = _from_sources(_located(catalog, run), images or {}, mounted)
+    # A service with `on_change: none` reads its files when it likes: a change of them is no trial of it.
+    contents = {n: files for n, files in mounted.items() if catalog.services[n].on_change != "none"}
     services, nobody = catalog.services, dict.fromkeys(catalog.services, tuple[str, ...]())
     graph = {name: sorted(n for n in services[name].needs if n in services) for name in sorted(services)}
     pairs = [(n, rival) for n, s in services.items() for rival in s.conflicts if rival in services and rival != n]
@@ -99,6 +102,13 @@ def desire(
         contents=contents,
         ros={n: digest({"master": s.ros.graph, "values": s.ros.values}) for n, s in services.items() if s.ros},
     )
+
+
+def desire_again(catalog: Catalog, contents: Mapping[str, Mapping[str, str]]) -> Desired:
+    """Derive the desired state of a catalog that another desired state led to. It keeps its fingerprint, which stands
+    for what people wrote."""
+    derived = desire(catalog, contents=contents)
+    return replace(derived, catalog=replace(derived.catalog, fingerprint=catalog.fingerprint))
 
 
 def _edition(service: Service, content: Mapping[str, str] | None) -> str:
@@ -148,17 +158,29 @@ def _shallow(probe: Probe) -> dict[str, Any]:
     return {f.name: getattr(probe, f.name) for f in fields(probe) if f.name != "parts"}
 
 
-def _from_images(catalog: Catalog, images: Mapping[str, str]) -> Catalog:
-    """Replace image names by references to the present content of these images."""
+def _from_sources(catalog: Catalog, images: Mapping[str, str], mounted: Mapping[str, Mapping[str, str]]) -> Catalog:
+    """Replace image names by references to the present content of these images. The fingerprint then covers everything
+    that can change a container: manifests, images, and mounted files."""
     renamed = {
         name: replace(service, spec={**service.spec, "image": images[image]})
         for name, service in catalog.services.items()
         if service.spec is not None and (image := declared(service.spec.get("image", ""), images))
     }
-    content_digest = digest({"manifests": catalog.fingerprint, "images": sorted(images.values())})
-    fingerprint = content_digest.partition(":")[2][:16] if images else catalog.fingerprint
     known = {name: replace(i, reference=images.get(name, i.reference)) for name, i in catalog.images.items()}
-    return replace(catalog, services={**catalog.services, **renamed}, images=known, fingerprint=fingerprint)
+    return replace(
+        catalog,
+        services={**catalog.services, **renamed},
+        images=known,
+        fingerprint=_fingerprint(catalog.fingerprint, images, mounted),
+    )
+
+
+def _fingerprint(manifests: str, images: Mapping[str, str], mounted: Mapping[str, Mapping[str, str]]) -> str:
+    """Return the fingerprint of the manifests, and of the images and mounted files if there are any."""
+    sources: dict[str, Any] = {"images": sorted(images.values())} if images else {}
+    if files := {path: content for of in mounted.values() for path, content in of.items()}:
+        sources["files"] = files
+    return digest({"manifests": manifests, **sources}).partition(":")[2][:16] if sources else manifests
 
 
 def _located(catalog: Catalog, run: str) -> Catalog:
@@ -218,4 +240,4 @@ def teardown(desired: Desired, last: Catalog | None) -> Desired:
     gone = replace(
         catalog, services=services, networks={}, volumes={}, requests=(), policy=policy, fingerprint=fingerprint
     )
-    return desire(gone, contents=desired.contents)
+    return desire_again(gone, desired.contents)

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from rorg.core.changes import updated
 from rorg.core.desired import Desired
 from rorg.core.diff import difference
-from rorg.core.memory import NO_ANSWER, Memory, ProbeResult, Progress
+from rorg.core.memory import NO_ANSWER, STABLE, Memory, ProbeResult, Progress
 from rorg.core.observed import Container
 from rorg.core.operations import Start
 from rorg.core.plan import Action
@@ -71,7 +71,8 @@ def renewed(progress: Progress, edition: str, now: float) -> Progress:
         return progress
     if not update.edition:
         return replace(progress, update=replace(update, edition=edition))
-    return replace(progress, exits=0, attempts={}, error="", update=replace(update, edition=edition, since=now))
+    update = replace(update, edition=edition, since=now, broken="")
+    return replace(progress, exits=0, attempts={}, error="", update=update)
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,10 +89,36 @@ _OPEN = _Verdict()
 
 
 def judged(progress: Progress, service: Service, desired: Desired, evidence: Evidence) -> Progress:
-    """Note the end of a trial, and an edition that has stayed well. Only for a wanted service on which no call is under
-    way."""
+    """Note the end of a trial, an edition that has stayed well, and one that ends again and again. Only for a wanted
+    service on which no call is under way."""
+    if not evidence.wanted or evidence.busy or evidence.unplugged or progress.update.drawn:
+        return _awaiting(progress, None)
+    return _broken_or_mended(_judged(progress, service, desired, evidence), service, evidence.now)
+
+
+def _broken_or_mended(progress: Progress, service: Service, now: float) -> Progress:
+    """Note that the desired edition fails again and again, or that a run of it has been well for long enough to show
+    that it does not."""
+    update = progress.update
+    if progress.stalled and not update.failed:
+        why = progress.error or "it has no effect"
+        return progress if update.broken else replace(progress, update=replace(update, broken=why))
+    mended_at = mended_from(progress, service)
+    return progress if mended_at is None or mended_at > now else replace(progress, update=replace(update, broken=""))
+
+
+def mended_from(progress: Progress, service: Service) -> float | None:
+    """Return from when a run shows that an edition that failed is well again; None if it does not. Its bake is too
+    short to tell, because a program may end later each time; the run must be stable."""
+    update = progress.update
+    if not update.broken or progress.well_since is None or update.baked != update.edition:
+        return None
+    return progress.well_since + max(STABLE, service.update.bake)
+
+
+def _judged(progress: Progress, service: Service, desired: Desired, evidence: Evidence) -> Progress:
     containers = evidence.observed.of(service.name)
-    if not containers or not evidence.wanted or evidence.busy or evidence.unplugged or progress.update.drawn:
+    if not containers:
         return _awaiting(progress, None)
     pair = candidate(containers, progress.update)
     if pair is None:
@@ -232,7 +259,7 @@ def refused(progress: Progress, action: Action, error: str, now: float) -> Progr
 
 
 def retried(memory: Memory, asked: Mapping[str, str]) -> Memory:
-    """Lift the quarantine of these services, once per request."""
+    """Lift the quarantine of these services, once per request. What failed must be proven anew."""
     progress = {
         name: replace(step, attempts={}, update=replace(step.update.pardoned(), quarantined={}, lifted=at))
         for name, at in asked.items()

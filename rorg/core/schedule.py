@@ -12,7 +12,7 @@ from rorg.core.digest import rules_of
 from rorg.core.incremental import Planned, busy
 from rorg.core.memory import Progress
 from rorg.core.observed import Container, Observed
-from rorg.core.rollout import bake_ends_at, is_late_at
+from rorg.core.rollout import bake_ends_at, is_late_at, mended_from
 from rorg.core.ros_parameters import AGAIN, LONGEST, ROLE, due, probe_of
 from rorg.core.situation import Situation
 from rorg.core.transitions import doubt_ends
@@ -118,6 +118,8 @@ def times_of(situation: Situation, name: str, planned: Planned) -> tuple[float, 
     unproven = progress.update.baked != progress.update.edition
     if service and (unproven or not progress.ready) and (late_at := is_late_at(progress, service)) is not None:
         times.append(late_at)
+    if service and (mended_at := mended_from(progress, service)) is not None:
+        times.append(mended_at)
     if service and unproven and (over := bake_ends_at(progress, service)) is not None:
         times.append(float(ceil(over)))  # not urgent, so round up: one pass serves many services
     if service and (end := doubt_ends(progress, service)) is not None:

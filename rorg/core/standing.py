@@ -6,7 +6,7 @@ not load.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 
 from rorg.core.decide import Decision
@@ -16,7 +16,7 @@ from rorg.core.situation import Situation
 from rorg.model.causes import causes
 from rorg.model.codes import BLOCKED, IMAGE, NO_IMAGE
 
-APPLYING, BAKING, GOOD, FAILED = "applying", "baking", "good", "failed"
+APPLYING, BAKING, UNTESTED, GOOD, FAILED = "applying", "baking", "untested", "good", "failed"
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,8 +25,9 @@ class Standing:
 
     - applying: something remains to be done because of it;
     - baking: everything is done, but not all services have stayed well long enough;
-    - good;
-    - failed: one of its changes did not come up, and the services named in the reason run as before.
+    - untested: everything is done and nothing failed, but services that it changed have not run since;
+    - good: everything that it changed, and everything that is wanted, has run and stayed well;
+    - failed: a service does not come up as declared, or ends again and again.
 
     `reason` is for people; "" for good.
     """
@@ -35,35 +36,52 @@ class Standing:
     reason: str = ""
 
 
-def standing(decision: Decision, good: bool = False) -> Standing:
-    """Return the standing of the manifests in force. `good`: they were found good before; then only a change tried
-    since can make them fail, because later trouble is not their fault.
+def standing(decision: Decision, before: Standing | None = None, changed: Collection[str] | None = None) -> Standing:
+    """Return the standing of the manifests in force.
 
-    Wanted services must have stayed well for their bake; other services only need their containers. A failed change
-    counts immediately, not only after it was undone. While an action is under way nothing else is checked, so this
-    costs nothing while a robot starts.
+    - `before`: their standing until now. What was good stays good until a service fails. What failed stays failed until
+      everything has been proven: that a service is released, or that rorg restarts, repairs nothing.
+    - `changed`: services that differ from the last good state of the manifests; None if there is none on record.
+
+    A failure counts immediately, not only after its change was undone. While an action is under way nothing else is
+    checked, so this costs nothing while a robot starts.
     """
     situation = decision.situation
-    undone = _undone(situation)
-    if undone:
-        return _told(undone)
-    if good:
-        return Standing(GOOD)
+    failures = _known_failures(situation)
+    if failures:
+        return _failure(failures)
+    if before and before.code == GOOD:
+        return before
+    now = _unfinished(decision) or _untested(situation, changed) or Standing(GOOD)
+    return before if before and before.code == FAILED and now.code != GOOD else now
+
+
+def _unfinished(decision: Decision) -> Standing | None:
+    """Return why the manifests are not applied yet, or cannot be; None if they are, and all wanted services have stayed
+    well for their bake."""
+    situation, plan = decision.situation, decision.plan
     if not situation.observed.complete:
         return Standing(APPLYING, "the engine does not answer")
     flights = (f.action for f in situation.memory.in_flight.values())
-    doing = _first_of_tree(flights) or _first_of_tree(decision.plan.actions)
+    doing = _first_of_tree(flights) or _first_of_tree(plan.actions)
     if doing:
         return Standing(APPLYING, doing)
-    plan = decision.plan
-    failed = _failed(situation, plan)
-    if failed:
-        return _told(failed)
-    waits = _waits(situation, plan)
-    if waits:
+    if failures := {w.service: w.reason for w in plan.waitings if w.code in (NO_IMAGE, BLOCKED)}:
+        return _failure(failures)
+    if waits := _waits(situation, plan):
         return Standing(APPLYING, waits)
     unbaked = [n for n in situation.desired.editions if _asked(situation, n) and not _baked(situation, n)]
-    return Standing(BAKING, f"not yet known to stay well: {', '.join(unbaked)}") if unbaked else Standing(GOOD)
+    return Standing(BAKING, f"not yet known to stay well: {', '.join(unbaked)}") if unbaked else None
+
+
+def _untested(situation: Situation, changed: Collection[str] | None) -> Standing | None:
+    """Return that changed services have not run since; None if all have."""
+    names = situation.desired.editions.keys()
+    if changed is None:
+        unproven = names and not any(_baked(situation, n) for n in names)
+        return Standing(UNTESTED, "no service has run yet") if unproven else None
+    idle = [n for n in names if n in changed and not _baked(situation, n)]
+    return Standing(UNTESTED, f"not run since the change: {', '.join(idle)}") if idle else None
 
 
 def _first_of_tree(actions: Iterable[Action]) -> str:
@@ -85,28 +103,14 @@ def _baked(situation: Situation, name: str) -> bool:
     return update.baked == update.edition
 
 
-def _told(failed: Mapping[str, str]) -> Standing:
-    return Standing(FAILED, "; ".join(map(str, causes(failed.items()))))
+def _failure(failures: Mapping[str, str]) -> Standing:
+    return Standing(FAILED, "; ".join(map(str, causes(failures.items()))))
 
 
-def _undone(situation: Situation) -> dict[str, str]:
-    """Return services whose change is quarantined, each with the reason."""
-    memory = situation.memory
-    return {name: why for name in situation.desired.editions if (why := memory.of(name).update.failed)}
-
-
-def _failed(situation: Situation, plan: Plan) -> dict[str, str]:
-    memory = situation.memory
-    failures = {w.service: w.reason for w in plan.waitings if w.code in (NO_IMAGE, BLOCKED)}
-    return failures | {
-        name: progress.error
-        for name in situation.wanted
-        if name in situation.desired.editions
-        and name not in situation.prewarmed
-        and (progress := memory.of(name)).stalled
-        and name not in failures
-        and not _baked(situation, name)
-    }
+def _known_failures(situation: Situation) -> dict[str, str]:
+    """Return services whose desired edition is known to fail, each with the reason."""
+    updates = ((name, situation.memory.of(name).update) for name in situation.desired.editions)
+    return {name: why for name, update in updates if (why := update.failed or update.broken)}
 
 
 def _waits(situation: Situation, plan: Plan) -> str:

@@ -16,7 +16,7 @@ from rorg.core.changes import changed_keys, updated
 from rorg.core.desired import Desired
 from rorg.core.memory import Memory, ProbeResults, Progress
 from rorg.core.observed import Observed
-from rorg.core.rollout import bake_ends_at, judged, renewed
+from rorg.core.rollout import bake_ends_at, judged, mended_from, renewed
 from rorg.core.ros_parameters import ROLE, begun_with, parameters_noted
 from rorg.core.transitions import Evidence, advanced
 from rorg.core.wanted import Wanted
@@ -152,5 +152,7 @@ def _changes_at(progress: Progress, service: Service, evidence: Evidence) -> flo
     if evidence.wanted and progress.update.baked != progress.update.edition:
         over = bake_ends_at(progress, service)
         return -inf if over is None else over
+    if evidence.wanted and (mended_at := mended_from(progress, service)) is not None:
+        return mended_at
     by_time = service.ready is not None and service.ready.delay is not None
     return -inf if by_time and not progress.ready else inf

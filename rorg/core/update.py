@@ -33,6 +33,9 @@ class Update:
     """Id of the container that passed its trial, while the previous one still exists."""
     baked: str = ""
     """The edition that stayed well last."""
+    broken: str = ""
+    """Why the desired edition counts as failed although rorg goes on starting it: it ends again and again. A release
+    or a restart of rorg repairs nothing, so it stays until a run has stayed well, or a person retries."""
     drawn: str = ""
     """Why its change is not made or is undone although nothing is wrong with it: another change of its set failed."""
     held: str = ""
@@ -54,9 +57,16 @@ class Update:
         last = list(self._others().items())[-(MOST - 1) :]
         return replace(self, quarantined={**dict(last), self.edition: error}, failed_at=now)
 
+    @property
+    def failures(self) -> Mapping[str, str]:
+        """Return all editions that are known to fail, each with the reason."""
+        return {**self.quarantined, self.edition: self.broken} if self.broken else self.quarantined
+
     def pardoned(self) -> Update:
-        """Return the update with the desired edition free to be tried again."""
-        return replace(self, quarantined=self._others(), rejected="", failed_at=-inf)
+        """Return the update with the desired edition free to be tried again. If it was proven once and failed later, it
+        must be proven again."""
+        baked = "" if self.broken else self.baked
+        return replace(self, quarantined=self._others(), broken="", baked=baked, rejected="", failed_at=-inf)
 
     def _others(self) -> dict[str, str]:
         return {edition: why for edition, why in self.quarantined.items() if edition != self.edition}

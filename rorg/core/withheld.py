@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from typing import TypeVar
 
-from rorg.core.desired import Desired, desire
+from rorg.core.desired import Desired, desire_again
 from rorg.core.observed import Observed
 from rorg.model.catalog import DEVELOPER, Catalog, Group, Request, Service
 from rorg.model.former import Former, Kept
@@ -81,7 +81,7 @@ def _merged(
     merged = kept.merged
     if merged is not None and merged[0] is catalog and merged[1] == held:
         return merged
-    return catalog, held, desire(_with(base or catalog, held), contents=desired.contents)
+    return catalog, held, desire_again(_with(base or catalog, held), desired.contents)
 
 
 def over(confirmed: Iterable[str], kept: Kept, catalog: Catalog, observed: Observed) -> tuple[str, ...]:

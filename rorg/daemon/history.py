@@ -16,9 +16,11 @@ from rorg.core.masking import Masker
 from rorg.core.memory import Memory, Progress
 from rorg.core.plan import Plan
 from rorg.core.standing import FAILED, GOOD, Standing, standing
+from rorg.core.update import Update
 from rorg.daemon.saved_memory import remembered, saved_progress
 from rorg.daemon.tree import Tree
 from rorg.history.database import Database
+from rorg.history.evidence import FAILS, PROVEN, Evidence, Verdict
 from rorg.history.meta_requests import Asked
 from rorg.history.revisions import UNDER_WAY, Made, Revision, Revisions
 from rorg.history.runs import Runs
@@ -27,17 +29,20 @@ from rorg.model.catalog import Catalog, Request
 
 class Historian:
     """`wall` gives ISO 8601 in UTC. What `masker` hides is not written. `failed` gets the number of a revision that
-    failed, and why."""
+    failed, why, and whether it had been good before."""
 
     def __init__(
-        self, database: Database, wall: Callable[[], str], masker: Masker, failed: Callable[[int, str], None]
+        self, database: Database, wall: Callable[[], str], masker: Masker, failed: Callable[[int, str, bool], None]
     ) -> None:
         self.wall, self.masker, self.failed = wall, masker, failed
         self.revisions, self.runs, self.asked = Revisions(database), Runs(database), Asked(database)
+        self.evidence = Evidence(database)
         self.standing: Standing | None = None
         """The standing of the manifests in force, as of the last pass; None before it is known."""
         self._revision: Revision | None = None
         """The revision in force."""
+        self._changed: frozenset[str] | None = None
+        """Its services that differ from the last good revision; None if there is none on record."""
         self._imageless: set[str] = set()
         """Its services whose image id is not known yet."""
         self._looked = False
@@ -77,6 +82,8 @@ class Historian:
     def _note_runs(self, progress: Mapping[str, Progress], epoch: float) -> None:
         gone = self._progress.keys() - progress.keys() if progress is not self._progress else set()
         changed = changed_keys(self._progress, progress) | (self._stale & progress.keys())
+        news = (v for name in changed for v in verdicts(name, progress[name].update))
+        self.evidence.note((replace(v, reason=self.masker.text(v.reason)) for v in news), self.wall())
         self._progress = progress
         if changed or gone:
             texts = {name: self.masker.json(json.dumps(saved_progress(progress[name], epoch))) for name in changed}
@@ -112,10 +119,10 @@ class Historian:
         if revision is None:
             return
         self._note_images(decision, revision.number)
-        self.standing = verdict = standing(decision, revision.standing == GOOD)
-        if verdict.code != revision.standing:
-            self._revision = replace(revision, standing=verdict.code, reason=verdict.reason)
-            self._settle(revision.number, verdict.code, verdict.reason)
+        before = Standing(revision.standing, revision.reason)
+        self.standing = verdict = standing(decision, before, self._changed)
+        if verdict.code != before.code:
+            self._revision = self._settle(revision, verdict)
 
     def _note_images(self, decision: Decision, number: int) -> None:
         """Record the images of containers that are as declared, as they appear."""
@@ -150,6 +157,17 @@ class Historian:
             )
         known = self._revision.services if self._revision else {}
         self._imageless = {name for name, made in known.items() if not made.image_id}
+        self._changed = self._changed_since_good()
+
+    def _changed_since_good(self) -> frozenset[str] | None:
+        """The services of the revision in force that differ from the last good one, or from the oldest one on record if
+        none was good."""
+        revision = self._revision
+        base = self.revisions.last(GOOD) or self.revisions.oldest()
+        if revision is None or base is None or base.number >= revision.number:
+            return None
+        then = base.services
+        return frozenset(n for n, m in revision.services.items() if n not in then or then[n].edition != m.edition)
 
     def _settle_failed(self, last: Revision | None, memory: Memory) -> None:
         """Record a failure that is found in the same pass as the next revision."""
@@ -162,12 +180,16 @@ class Historian:
         }
         if failed:
             reason = "; ".join(f"{name}: {why}" for name, why in failed.items())
-            self._settle(last.number, FAILED, reason)
+            self._settle(last, Standing(FAILED, reason))
 
-    def _settle(self, number: int, code: str, reason: str) -> None:
-        self.revisions.settle(number, code, self.masker.text(reason), self.wall())
-        if code == FAILED:
-            self.failed(number, reason)
+    def _settle(self, revision: Revision, verdict: Standing) -> Revision:
+        """Record a new standing. The revision with it."""
+        now = self.wall()
+        self.revisions.settle(revision.number, verdict.code, self.masker.text(verdict.reason), now)
+        if verdict.code == FAILED:
+            self.failed(revision.number, verdict.reason, bool(revision.proven_at))
+        proven_at = revision.proven_at or (now if verdict.code == GOOD else "")
+        return replace(revision, standing=verdict.code, reason=verdict.reason, proven_at=proven_at)
 
 
 def _of_commit(tree: Tree) -> dict[str, Any]:
@@ -193,6 +215,13 @@ def made(desired: Desired, before: Mapping[str, Made], masker: Masker) -> dict[s
         declared = masker.json(canonical(declared_fields(service.spec, service.secrets)))
         materials[name] = Made(digest, declared, str(service.spec.get("image", "")), edition=desired.editions[name])
     return materials
+
+
+def verdicts(name: str, update: Update) -> list[Verdict]:
+    """What is known of the editions of a service: which one has stayed well, and which ones fail."""
+    failures = [Verdict(name, edition, FAILS, why) for edition, why in update.failures.items()]
+    proven = update.baked and update.baked not in update.failures
+    return [*failures, *([Verdict(name, update.baked, PROVEN)] if proven else [])]
 
 
 def _of_meta(requests: Iterable[Request], catalog: Catalog) -> list[Request]:

@@ -102,9 +102,10 @@ class Recorder:
         for key in keys:
             self._said.pop(key, None)
 
-    def revision_failed(self, number: int, why: str) -> None:
+    def revision_failed(self, number: int, why: str, was_good: bool) -> None:
         """A revision of the manifests has failed; what it changed runs as before."""
-        self.event("revision-failed", f"revision {number} of the manifests failed: {why}", revision=number)
+        text = "was good, and fails now" if was_good else "failed"
+        self.event("revision-failed", f"revision {number} of the manifests {text}: {why}", revision=number)
 
     def purged(self, node: str) -> None:
         """A ROS node's registration was taken out of the master."""

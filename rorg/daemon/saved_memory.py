@@ -55,6 +55,7 @@ def _progress(known: Mapping[str, Any], now: float, epoch: float, booted_at: flo
         edition=said["edition"],
         quarantined=_texts(known.get("quarantined")),
         rejected=said["rejected"],
+        broken=said["broken"],
         drawn=said["drawn"],
         proven=said["proven"],
         baked=said["baked"],

@@ -183,6 +183,7 @@ def run_json(step: Progress, now: float) -> dict[str, Any]:
         "edition": update.edition,
         "quarantined": dict(update.quarantined),
         "rejected": update.rejected,
+        "broken": update.broken,
         "drawn": update.drawn,
         "proven": update.proven,
         "baked": update.baked,

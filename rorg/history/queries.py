@@ -15,6 +15,8 @@ from rorg.core.changed_fields import Change, changes_between
 from rorg.core.digest import declared_of
 from rorg.core.masking import masked
 from rorg.errors import Missing
+from rorg.history.database import Database
+from rorg.history.evidence import earlier_revisions
 from rorg.history.journal import Filter, Journal
 from rorg.history.revisions import FIELDS, Made, Revision, Revisions, parse
 from rorg.history.timeline import Author, spans
@@ -47,6 +49,11 @@ def resolve(text: str, revisions: Revisions, commit_of: Callable[[str], str]) ->
 def listed(revisions: Revisions, most: int, before: int = 0) -> list[dict[str, Any]]:
     """The newest revisions first, without their services and plans."""
     return [brief(revision) for revision in revisions.list(most, before)]
+
+
+def earlier(database: Database) -> list[dict[str, Any]]:
+    """The revisions that a rollback may return to, the newest first, each with the doubt about it."""
+    return [asdict(one) for one in earlier_revisions(database)]
 
 
 def brief(revision: Revision) -> dict[str, Any]:

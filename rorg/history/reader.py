@@ -13,6 +13,8 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+from rorg.history.schema import STEPS
+
 PATIENCE = 5.0
 """Seconds to wait for another process that holds the file."""
 
@@ -39,10 +41,11 @@ class Reader:
         alone = not os.path.exists(f"{self.path}-wal")
         place = f"file:{quote(os.fsencode(self.path))}?mode=ro" + "&immutable=1" * alone
         connection = sqlite3.connect(place, timeout=PATIENCE, isolation_level=None, check_same_thread=False, uri=True)
-        if not connection.execute("PRAGMA user_version").fetchone()[0]:
+        version = connection.execute("PRAGMA user_version").fetchone()[0]
+        if not version:
             connection.close()
             raise FileNotFoundError(errno.ENOENT, "it has no tables yet", str(self.path))
-        return connection
+        return connection if version >= len(STEPS) else _upgraded(connection, version)
 
     def close(self) -> None:
         """Close it until the next question."""
@@ -51,6 +54,16 @@ class Reader:
             if connection is not None:
                 with contextlib.suppress(sqlite3.Error):
                     connection.close()
+
+
+def _upgraded(connection: sqlite3.Connection, version: int) -> sqlite3.Connection:
+    """A copy in memory, with the tables of now: only the owner may upgrade the file of an older rorg."""
+    copy = sqlite3.connect(":memory:", isolation_level=None, check_same_thread=False)
+    with contextlib.closing(connection):
+        connection.backup(copy)
+    for step in STEPS[version:]:
+        copy.executescript(step)
+    return copy
 
 
 def check_regular(path: Path) -> None:

@@ -22,6 +22,7 @@ REVISIONS = (
 )
 """Removes revisions except the last ones of each sort: the one in force, and the one that a rollback returns to."""
 UNUSED_MADE = "DELETE FROM made WHERE last < (SELECT min(number) FROM revision)"
+UNUSED_VERDICTS = "DELETE FROM verdict WHERE (service, edition) NOT IN (SELECT service, edition FROM made)"
 UNUSED_SPECS = "DELETE FROM spec WHERE digest NOT IN (SELECT digest FROM made)"
 REQUESTS = (
     "DELETE FROM asked WHERE (at < ? OR number <= (SELECT max(number) FROM asked) - ?)"
@@ -65,7 +66,8 @@ def trim(database: Database, retention: Retention, oldest: str, rest: Callable[[
         spare -= len(gone)
         rest()
     revisions, requests = (oldest, retention.revisions), (oldest, retention.requests)
-    database.write([(REVISIONS, [revisions]), (UNUSED_MADE, [()]), (UNUSED_SPECS, [()])], keep=False)
+    unused = [(sql, [()]) for sql in (UNUSED_MADE, UNUSED_SPECS, UNUSED_VERDICTS)]
+    database.write([(REVISIONS, [revisions]), *unused], keep=False)
     database.write([(REQUESTS, [requests]), (UNUSED_TEXTS, [()])], keep=False)
     database.write([*((sql, [()]) for sql in FOLD), (USAGE, [(oldest[:SLOT], retention.usage)])], keep=False)
 

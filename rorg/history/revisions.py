@@ -18,7 +18,9 @@ NUMBER = re.compile(r"[0-9]{1,6}")
 """Numbers as in `rorg history`. git never abbreviates a commit to fewer than seven digits by default."""
 LONGEST_PLAN = 1 << 18
 """Characters of a plan that are kept."""
-COLUMNS = "number, at, fingerprint, git, author, subject, dirty, robot, standing, reason, settled_at, plan, errors"
+COLUMNS = (
+    "number, at, fingerprint, git, author, subject, dirty, robot, standing, reason, settled_at, proven_at, plan, errors"
+)
 FIELDS = tuple(COLUMNS.replace("git", "commit").split(", "))
 """`commit` is a keyword of SQL."""
 
@@ -60,6 +62,8 @@ class Revision:
     standing: str = "applying"
     reason: str = ""
     settled_at: str = ""
+    proven_at: str = ""
+    """When it became good for the first time; empty if it never was."""
     plan: str = ""
     """The canonical text of its first plan."""
     errors: tuple[str, ...] = ()
@@ -94,8 +98,12 @@ class Revisions:
 
     def settle(self, number: int, standing: str, reason: str, at: str) -> None:
         """Record a new standing."""
-        sql = "UPDATE revision SET standing = ?, reason = ?, settled_at = ? WHERE number = ?"
-        self.database.write([(sql, [(standing, reason, at, number)])])
+        sql = (
+            "UPDATE revision SET standing = ?, reason = ?, settled_at = ?,"
+            " proven_at = CASE WHEN proven_at = '' THEN ? ELSE proven_at END WHERE number = ?"
+        )
+        proven_at = at if standing == "good" else ""
+        self.database.write([(sql, [(standing, reason, at, proven_at, number)])])
 
     def note_images(self, number: int, images: Mapping[str, str]) -> None:
         """Record the engine's image ids of services, once they are known."""
@@ -136,6 +144,12 @@ class Revisions:
         revisions = self._select("? IN ('', standing)", (standing,), 1)
         return self.get(revisions[0].number) if revisions else None
 
+    def oldest(self) -> Revision | None:
+        """The first one on record that was not refused, with its services."""
+        sql = "SELECT min(number) FROM revision WHERE standing <> 'refused'"
+        number = next((n for (n,) in self.database.rows(sql)), None)
+        return self.get(number) if number else None
+
     def in_force(self) -> Revision | None:
         """The last one that was not refused, with its services."""
         revisions = self._select("standing <> 'refused'", (), 1)
@@ -166,8 +180,8 @@ class Revisions:
 def _begin(new: Revision, before: Mapping[str, Made]) -> Change:
     """Of the services, only those are written that are made differently than before."""
     row = (new.number, new.at, new.fingerprint, new.commit, new.author, new.subject, int(new.dirty), new.robot)
-    more = (new.standing, new.reason, new.settled_at, new.plan, json.dumps(new.errors))
-    insert = f"INSERT OR REPLACE INTO revision ({COLUMNS}) VALUES (?,?,?,?,?,?,?,?,?,?,?,?,?)", [(*row, *more)]
+    more = (new.standing, new.reason, new.settled_at, new.proven_at, new.plan, json.dumps(new.errors))
+    insert = f"INSERT OR REPLACE INTO revision ({COLUMNS}) VALUES (?,?,?,?,?,?,?,?,?,?,?,?,?,?)", [(*row, *more)]
     if new.standing == "refused":
         return [insert]
     gone = [name for name, made in before.items() if new.services.get(name) != made]

@@ -31,7 +31,17 @@ CREATE TABLE usage (
   peak INTEGER NOT NULL, PRIMARY KEY (hour, service, run)
 ) WITHOUT ROWID;
 """,
+    """
+ALTER TABLE revision ADD COLUMN proven_at TEXT NOT NULL DEFAULT '';
+CREATE TABLE verdict (
+  service TEXT, edition TEXT, code TEXT NOT NULL, reason TEXT NOT NULL, at TEXT NOT NULL, PRIMARY KEY (service, edition)
+) WITHOUT ROWID;
+UPDATE revision SET proven_at = settled_at WHERE standing = 'good';
+INSERT OR IGNORE INTO verdict SELECT service, edition, 'proven', '', proven_at FROM made JOIN revision
+  ON standing = 'good' AND number >= first AND (last IS NULL OR number <= last);
+""",
 )
 """entry: the journal; `about` names the services of an entry. made: what each service was made from in the revisions
-first..last (NULL: up to the last one). run: the memory that survives a restart. asked: the requests file since a time.
-usage: what each run of a service used in a minute, or in ten, or in an hour: `hour` is a time up to that place."""
+first..last (NULL: up to the last one). verdict: what is known of each
+edition of a service. run: the memory that survives a restart. asked: the requests file since a time. usage: what each
+run of a service used in a minute, or in ten, or in an hour: `hour` is a time up to that place."""

@@ -32,11 +32,11 @@ class Contents:
         self.files = FileDigests()
 
     def of(self, catalog: Catalog, root: Path) -> dict[str, dict[str, str]]:
-        """Service -> path below the tree -> digest of what is there. Services with `on_change: none` are left out."""
+        """Service -> path below the tree -> digest of what is there, for services that mount any."""
         base, digests, mounts = str(root.resolve()), dict[str, dict[str, str]](), dict[str, str]()
         self.files.begin()
         for name, service in catalog.services.items():
-            if service.spec is None or service.on_change == "none":
+            if service.spec is None:
                 continue
             for source in mounted(service.spec, base):
                 if source not in mounts:

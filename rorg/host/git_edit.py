@@ -95,6 +95,11 @@ class Restoring:
         who = self._who(person, environment)
         return self._git("commit-tree", tree, "-p", head, "-m", self.message, environment=who)
 
+    def files(self, commit: str) -> list[str]:
+        """The files that a commit made here changes, below the work tree."""
+        names = self._git("diff-tree", "-r", "-z", "--name-only", "--no-commit-id", commit)
+        return [name for name in names.split("\0") if name]
+
     def take(self, commit: str) -> None:
         """Move there. Raises Refused, with nothing changed, if there is another commit since, or if uncommitted changes
         would be lost."""

@@ -1,5 +1,5 @@
-"""Clears the state of a robot that was taken down. What stays: its owner id, that it is down, requests that are kept,
-and files of others."""
+"""Clears the state of a robot that was taken down. What stays: its owner id, that it is down, its history, requests
+that are kept, and files of others."""
 
 from __future__ import annotations
 
@@ -35,19 +35,23 @@ SOCKETS = ("services", ".new", "rorg.sock")
 
 
 def clear(state: StateDir, now: float) -> None:
-    """Remove everything that rorg keeps of a robot, and note that it is down since `now`, in seconds since the epoch.
-    The owner id stays, because the robot's volumes carry it. The caller owns the directory, and has checked that
+    """Remove what rorg keeps of a robot, and note that it is down since `now`, in seconds since the epoch. The owner id
+    stays, because the robot's volumes carry it. So does the history, because the robot that comes up again is the same
+    one; the requests file says if a person wants it forgotten. The caller owns the directory, and has checked that
     nothing of the robot runs. Directories with files of others stay. Raises Invalid if the disk refuses."""
     with state.usable():
+        requests = RequestsFile(state.requests)
+        requests.read()
+        history = state.path.glob("journal.*") if requests.document.forget else ()
         for path in (state.run / name for name in SOCKETS):
             shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
         for name in FOLDERS:
             shutil.rmtree(state.path / name, ignore_errors=True)
-        for path in (*state.path.glob("journal.*"), *(state.path / name for name in FILES)):
+        for path in (*history, *(state.path / name for name in FILES)):
             path.unlink(missing_ok=True)
         # Noted last: an rorg that is killed before this clears again.
-        down = RequestsFile(state.requests).change
-        down(lambda d: replace(d, down=True, down_since=stamp(now), purge=False), notify=False)
+        since = stamp(now)
+        requests.change(lambda d: replace(d.up(), down=True, down_since=since), notify=False)
         for name in LOCKS:
             (state.path / name).unlink(missing_ok=True)
     with contextlib.suppress(OSError):  # it is the machine's, or others use it

@@ -26,6 +26,8 @@ class RequestsDocument:
     """When everything was gone, ISO 8601 in UTC; empty before. From then on it stays down until a person runs it."""
     purge: bool = False
     """The robot's volumes are removed too, with all data."""
+    forget: bool = False
+    """The robot's history is removed too."""
     retries: Mapping[str, str] = field(default_factory=dict)
     """Service -> when another try of its failed change was requested, as `restarts`."""
 
@@ -43,7 +45,7 @@ class RequestsDocument:
 
     def up(self) -> RequestsDocument:
         """As of a robot that is no longer down."""
-        return replace(self, down=False, down_since="", purge=False)
+        return replace(self, down=False, down_since="", purge=False, forget=False)
 
     def without(self, keys: set[tuple[str, str]]) -> RequestsDocument:
         return replace(self, requests=tuple(r for r in self.requests if r.key not in keys))

@@ -40,7 +40,7 @@ def _text(dumper: yaml.SafeDumper, text: str) -> yaml.Node:
 
 _Dumper.add_representer(str, _text)
 _FIELDS = ("id", "requester", "services", "reason", "incarnation", "priority", "ttl", "renewed")
-_KEYS = ("requests", "restarts", "retries", "holds", "suspended", "removals", "down", "purge")
+_KEYS = ("requests", "restarts", "retries", "holds", "suspended", "removals", "down", "purge", "forget")
 
 
 def parse(text: str, file: str) -> tuple[RequestsDocument | None, list[Diagnostic]]:
@@ -97,6 +97,7 @@ class _Reader:
             down=bool(value.get("down")),
             down_since=self.down_since(value.get("down", False)),
             purge=self.truth("purge", value),
+            forget=self.truth("forget", value),
             retries=self.times("retries", value.get("retries") or {}),
         )
 
@@ -199,6 +200,7 @@ def render(document: RequestsDocument) -> str:
         + (_yaml(content) if content else "")
         + (f"down: {document.down_since or 'true'}\n" if document.down else "")
         + ("purge: true\n" if document.purge else "")
+        + ("forget: true\n" if document.forget else "")
     )
 
 

@@ -1,0 +1,111 @@
+"""What is known of each edition of a service: it has stayed well, or it fails. A rollback trusts nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from rorg.history.database import Database
+from rorg.history.revisions import Revision, Revisions
+
+PROVEN, FAILS = "proven", "fails"
+SEARCHED = 1000
+"""Revisions that are searched for one to return to, the newest first."""
+MOST = 20
+"""Revisions that are offered, apart from those that cannot be trusted."""
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """`code` is PROVEN or FAILS, with the reason."""
+
+    service: str
+    edition: str
+    code: str
+    reason: str = ""
+
+
+class Evidence:
+    """The table of verdicts, one for each edition of a service: the last one. The owner of the file writes it."""
+
+    def __init__(self, database: Database) -> None:
+        self.database = database
+        self._written: dict[tuple[str, str], str] = {}
+        """The codes that this object wrote."""
+
+    def note(self, verdicts: Iterable[Verdict], at: str) -> None:
+        """Record the verdicts that are news. `at` is ISO 8601 in UTC."""
+        news = [v for v in verdicts if self._written.get((v.service, v.edition)) != v.code]
+        if not news:
+            return
+        sql = (
+            "INSERT INTO verdict (service, edition, code, reason, at) VALUES (?, ?, ?, ?, ?)"
+            " ON CONFLICT (service, edition) DO UPDATE SET code = excluded.code, reason = excluded.reason,"
+            " at = excluded.at WHERE code <> excluded.code"
+        )
+        self._written |= {(v.service, v.edition): v.code for v in news}
+        self.database.write([(sql, [(v.service, v.edition, v.code, v.reason, at) for v in news])])
+
+    def all(self) -> dict[tuple[str, str], Verdict]:
+        """By (service, edition)."""
+        rows = self.database.rows("SELECT service, edition, code, reason FROM verdict")
+        return {(service, edition): Verdict(service, edition, *of) for service, edition, *of in rows}
+
+
+@dataclass(frozen=True, slots=True)
+class Earlier:
+    """An earlier revision as the goal of a rollback. `doubt` says why it cannot be trusted; "" if it can."""
+
+    number: int
+    doubt: str = ""
+
+
+def earlier_revisions(database: Database) -> list[Earlier]:
+    """Return the revisions that a rollback may return to, the newest first, up to MOST that can be trusted.
+
+    A revision can be trusted if each service that the rollback would change has been proven as it was then, and has not
+    failed since. Services that stay the same say nothing about it: a camera that is broken now is broken in both.
+    """
+    revisions, known = Revisions(database), Evidence(database).all()
+    listed, force = revisions.list(SEARCHED), revisions.in_force()
+    found: list[Earlier] = []
+    for number in _before(listed, force):
+        then = revisions.get(number)
+        if then and force and sum(not e.doubt for e in found) < MOST:
+            found.append(Earlier(number, _doubt(then, force, known)))
+    return found
+
+
+def _before(listed: Sequence[Revision], force: Revision | None) -> list[int]:
+    """Return the numbers of revisions from before the current one, the newest first.
+
+    Refused manifests are not in force: those before them are, so they are the first to return to. Otherwise revisions
+    with the content of the current one are left out. Unless that has failed, so is everything after the first of
+    these: rolling back twice goes further back.
+    """
+    if not listed or force is None:
+        return []
+    refused = listed[0].standing == "refused"
+    same = {r.number for r in listed if r.fingerprint == force.fingerprint and r.standing != "refused"}
+    if refused:
+        end, same = listed[0].number, set()
+    else:
+        end = force.number if force.standing == "failed" else min(same)
+    return [r.number for r in listed if r.number < end and r.number not in same and r.standing != "refused"]
+
+
+def _doubt(then: Revision, now: Revision, known: Mapping[tuple[str, str], Verdict]) -> str:
+    """Return why an earlier revision cannot be trusted."""
+    editions = {name: made.edition for name, made in now.services.items()}
+    changed = {n: m.edition for n, m in then.services.items() if editions.get(n) != m.edition}
+    verdicts = {name: known.get((name, edition)) for name, edition in changed.items()}
+    failed = [f"{name} failed ({v.reason})" for name, v in verdicts.items() if v and v.code == FAILS]
+    untried = [name for name, verdict in verdicts.items() if verdict is None]
+    if failed:
+        return "; ".join(failed)
+    if untried:
+        return f"{', '.join(untried)} never ran as declared then"
+    if changed or editions.keys() != then.services.keys() or then.standing == "good":
+        return ""
+    # Nothing that runs tells them apart, so the standing of the whole counts.
+    return f"it failed ({then.reason})" if then.standing == "failed" else f"it is {then.standing}"
