@@ -64,12 +64,6 @@ def add_history(app: FastAPI, operations: Operations) -> None:
         """The revisions of the manifests that were applied or refused, the newest first."""
         return text(queries.listed(_revisions(operations), most, before))
 
-    @app.get("/v1/rollback", dependencies=history, response_model=list[EarlierView])
-    def earlier() -> Response:
-        """The revisions that a rollback may return to, the newest first: those from before the manifests in force,
-        each with the doubt about it."""
-        return text(queries.earlier(operations.recorder.history))
-
     @app.get("/v1/history/{a:path}/diff/{b:path}", dependencies=history, response_model=Comparison)
     def compared(a: str, b: str) -> Response:
         """The services that differ between two revisions, with their fields. Revisions are named by number, or as git
@@ -92,6 +86,12 @@ def add_history(app: FastAPI, operations: Operations) -> None:
 
 
 def _add_recorded(app: FastAPI, operations: Operations) -> None:
+    @app.get("/v1/rollback", dependencies=[needs("history")], response_model=list[EarlierView])
+    def earlier() -> Response:
+        """The revisions that a rollback may return to, the newest first: those from before the manifests in force,
+        each with the doubt about it."""
+        return text(queries.earlier(operations.recorder.history))
+
     @app.get("/v1/requested", dependencies=[needs("history")], response_model=Requested)
     def requested(since: When = None, until: When = None) -> Response:
         """The requests of the last day, or `since`: those in force at the begin, and each request and release after

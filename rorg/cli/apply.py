@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
+from urllib.parse import quote
 
 from rorg.cli.context import Context
 from rorg.cli.differences import Differences, differences, warn_of_other_tree
@@ -12,7 +13,7 @@ from rorg.cli.options import Option, Output, Timeout, TreeDirectory, Yes
 from rorg.cli.output import consent, note, print_rows
 from rorg.cli.published import SETTLED, condition, failure, hopeless, unready
 from rorg.errors import NotReady, Refused
-from rorg.model.codes import IMAGE
+from rorg.model.codes import CONFIRM, IMAGE
 from rorg.model.units import stamp
 from rorg.store.state_dir import SERVER
 
@@ -78,9 +79,11 @@ def agree(
     note(shown.overview().rstrip())
     if shown.withheld:
         note(f"To remove after you confirm, although still named: {', '.join(shown.withheld)}")
-    if shown.suspended and (shown.plan["actions"] or shown.withheld):
+    if shown.unconfirmed:
+        note(f"To change after you confirm, although a driver in use ends: {', '.join(shown.unconfirmed)}")
+    if shown.suspended and (shown.plan["actions"] or shown.withheld or shown.unconfirmed):
         raise Refused(what, f"rorg is {shown.suspended}", "`rorg suspend --end`")
-    if not ((shown.empty and nothing) or yes):
+    if not ((shown.empty and nothing and not shown.unconfirmed) or yes):
         consent(what, question)
 
 
@@ -108,12 +111,16 @@ def _fetch(context: Context) -> None:
 
 
 def _confirm_here(context: Context, shown: Differences) -> None:
-    """Confirms the removals that were shown, for the loop that begins, and that the robot is no longer down."""
+    """Confirms the removals and the changes of drivers in use that were shown, for the loop that begins, and that the
+    robot is no longer down."""
     from dataclasses import replace
+
+    restarts = dict.fromkeys(shown.unconfirmed, stamp(time.time()))
 
     def edit(document: RequestsDocument) -> RequestsDocument:
         risen = document.up() if document.down_since else document
-        return replace(risen, removals=tuple(dict.fromkeys((*risen.removals, *shown.withheld))))
+        removals = tuple(dict.fromkeys((*risen.removals, *shown.withheld)))
+        return replace(risen, removals=removals, restarts={**risen.restarts, **restarts})
 
     context.change(edit)
 
@@ -122,7 +129,7 @@ def _through(context: Context, owner: dict[str, Any], shown: Differences, wait: 
     """Confirms what was shown to the running rorg, which follows its own tree, and waits until it is done."""
     who = f"rorg at {context.remote}" if context.remote else f"{owner.get('what')} (pid {owner.get('pid')})"
     note(f"{who} carries it out")
-    confirmed: list[str] = []
+    asked: list[str] = []
 
     def done(view: dict[str, Any]) -> str:
         if view["tree"]["errors"]:
@@ -130,11 +137,15 @@ def _through(context: Context, owner: dict[str, Any], shown: Differences, wait: 
         if view["tree"]["fingerprint"] != shown.fingerprint:
             return "it has not read these manifests yet"
         left = [n for n in shown.withheld if n in view.get("withheld", ())]
-        if left and not confirmed:
-            confirmed.extend(left)
-            context.serving("confirm the removal").call("PUT", "/v1/removals", {"services": left})
+        waits = [w["service"] for w in view["plan"]["waitings"] if w.get("code") == CONFIRM]
+        changes = [n for n in shown.unconfirmed if n in waits]
+        if (left or changes) and not asked:
+            asked.extend((*left, *changes))
+            _confirm(context, left, changes)
         if left:
             return f"the removal of {', '.join(left)} has not begun"
+        if changes:
+            return f"the change of {', '.join(changes)} has not begun"
         unfinished = _unfinished(view, bool(wait)) or (_on_trust(view, shown.probed) if wait else "")
         if wait == PROVEN and not unfinished and (failed := _failed(view)):
             raise NotReady("wait for the running rorg", failed, "`rorg history`")
@@ -143,6 +154,15 @@ def _through(context: Context, owner: dict[str, Any], shown: Differences, wait: 
     context.wait("the running rorg", done, timeout)
     if wait == READY and (left := _unproven(context.live() or {})):
         note(f"ready, but {left}; `rorg apply --wait=proven` waits for that")
+
+
+def _confirm(context: Context, removals: list[str], changes: list[str]) -> None:
+    """Confirms removals, and changes that end drivers in use: a restart makes them, as a person may ask for one."""
+    client = context.serving("confirm the plan")
+    if removals:
+        client.call("PUT", "/v1/removals", {"services": removals})
+    for name in changes:
+        client.call("POST", f"/v1/services/{quote(name, safe='')}/restart?force=true")
 
 
 def _follows(context: Context, owner: dict[str, Any], shown: Differences) -> None:

@@ -14,6 +14,7 @@ from rorg.cli.context import ROBOT, Context, bad_requests
 from rorg.cli.output import note
 from rorg.cli.terminal import hide, printable
 from rorg.errors import Invalid, Unreachable, advice
+from rorg.model.codes import CONFIRM
 from rorg.model.units import counted
 
 if TYPE_CHECKING:
@@ -49,6 +50,11 @@ class Differences(NamedTuple):
     """Of the manifests, if they are from the history."""
     warnings: tuple[dict[str, Any], ...] = ()
     """Of these manifests, which can be used nevertheless."""
+
+    @property
+    def unconfirmed(self) -> list[str]:
+        """Services whose change waits for a person, because it would end a driver in use."""
+        return list(dict.fromkeys(w["service"] for w in self.plan["waitings"] if w.get("code") == CONFIRM))
 
     def overview(self) -> str:
         """One line for each service, and one with the counts."""

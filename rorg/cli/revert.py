@@ -24,6 +24,7 @@ from rorg.history.revisions import Revision, parse
 from rorg.host.git import commit_of
 from rorg.host.git_edit import SHORT, Restoring, changed, subject_of, top_of, unknown
 from rorg.model.catalog import Catalog
+from rorg.model.codes import CONFIRM
 from rorg.model.units import parse_since, stamp
 
 SHORTEST = 7
@@ -265,10 +266,12 @@ def go_back(
     differences(context)  # until rorg has read it
     then()
     comparison = differences(context)
-    # What is withheld but was not shown stays.
+    # What waits for a person but was not shown goes on waiting.
     withheld = [n for n in comparison.withheld if n in shown.withheld]
+    waitings = [w for w in comparison.plan["waitings"] if w.get("code") != CONFIRM or w["service"] in shown.unconfirmed]
+    agreed_to = comparison._replace(withheld=withheld, plan={**comparison.plan, "waitings": waitings})
     wait, timeout = waiting
-    bring_about(context, owner, comparison._replace(withheld=withheld), READY if wait else "", timeout)
+    bring_about(context, owner, agreed_to, READY if wait else "", timeout)
     return bool(made)
 
 

@@ -201,6 +201,10 @@ class View:
         self.until = min(self.until, moment - (shown - step) - SAME)
         return shown
 
+    def mark_volatile(self) -> None:
+        """Let this plan be made again in every pass, because it depends on more than incremental planning knows."""
+        self.volatile = True
+
     @property
     def now(self) -> float:
         self.volatile = True

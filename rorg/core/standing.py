@@ -14,7 +14,7 @@ from rorg.core.plan import Action, Plan
 from rorg.core.rollout import fits
 from rorg.core.situation import Situation
 from rorg.model.causes import causes
-from rorg.model.codes import BLOCKED, IMAGE, NO_IMAGE
+from rorg.model.codes import BLOCKED, CONFIRM, DEFERRED, IMAGE, NO_IMAGE
 
 APPLYING, BAKING, UNTESTED, GOOD, FAILED = "applying", "baking", "untested", "good", "failed"
 
@@ -115,7 +115,7 @@ def _known_failures(situation: Situation) -> dict[str, str]:
 
 def _waits(situation: Situation, plan: Plan) -> str:
     """Return what remains to be done and what it waits for."""
-    waitings = [w for w in plan.waitings if w.code in (IMAGE, "deferred", "withheld")]
+    waitings = [w for w in plan.waitings if w.code in (IMAGE, DEFERRED, CONFIRM, "withheld")]
     if waitings:
         return f"{waitings[0].service}: {waitings[0].reason}"
     containers, reasons = situation.observed.by_service(), {w.service: w.reason for w in plan.waitings}

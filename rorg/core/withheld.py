@@ -152,7 +152,10 @@ def _why(name: str, former: Former, requests: Collection[Request], staying: Coll
     need = next((n for n in former.needed_by if n in staying), "")
     if need:
         return f"{need} needed it"
-    return f"the group {former.groups[0]} named it" if former.groups else ""
+    if former.groups:
+        return f"the group {former.groups[0]} named it"
+    # Hardware moves, or stops holding, when its driver ends.
+    return "it is a driver in use" if former.what.always_on and former.what.update.when == "confirmed" else ""
 
 
 def _asked(name: str, requests: Iterable[Request]) -> str:

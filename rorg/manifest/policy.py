@@ -150,8 +150,11 @@ Set = Annotated[bool | Name, Written("true | false | name of a set")]
 class Update(Strict):
     """How changes are rolled out."""
 
-    when: Literal["now", "when_ceased"] | None = unchanging(
-        "now, or when it is next idle or restarted. An interlock can delay it further.", "when_ceased", unset="now"
+    when: Literal["now", "when_ceased", "confirmed"] | None = unchanging(
+        "now; when it is next idle or restarted; or, for drivers, when it is idle, fails, or a person confirms it with "
+        "`rorg apply`. An interlock can delay it further.",
+        "when_ceased",
+        unset="now; confirmed for drivers",
     )
     bake: Duration | None = unchanging(
         "How long it must stay well after it is ready, before rorg removes the previous container. If it fails, rorg "

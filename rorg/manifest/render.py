@@ -154,9 +154,11 @@ def _guard(spec: Any, policy: Any) -> tuple[bool, Any]:
 
 
 def _updating(spec: Any, policy: Any) -> Updating:
-    """Merges the Policy's `updates` with the manifest's `update`."""
+    """Merges the Policy's `updates` with the manifest's `update`. A change of a driver in use is confirmed by a person
+    unless one of them says when it takes effect."""
     models = (policy.updates if policy else None, spec.update)
-    said = {k: v for model in models if model for k, v in model.model_dump(exclude_none=True).items()}
+    said: dict[str, Any] = {"when": "now" if spec.driver is None else "confirmed"}
+    said |= {k: v for model in models if model for k, v in model.model_dump(exclude_none=True).items()}
     atomic = said.pop("atomic", False)
     return Updating(**said, atomic=atomic if isinstance(atomic, str) else ALL if atomic else "")
 

@@ -58,7 +58,7 @@ class Updating:
     """How a change of a service is rolled out."""
 
     when: str = "now"
-    """now, or when_ceased: when it is next idle or restarted."""
+    """now; when_ceased: when it is next idle or restarted; confirmed: also when it fails, or a person confirms it."""
     bake: float = 2.0
     """Seconds for which it must stay well after it is ready, before the previous container is removed."""
     atomic: str = ""
