@@ -172,14 +172,17 @@ class Operations:
 
     @contextlib.contextmanager
     def question(self, names: tuple[str, ...], waits: bool = True) -> Iterator[Question]:
-        """Asks for these services while the block runs: every change accepted until now counts, and the loop runs the
-        probes whose last answers do not count."""
+        """Asks for these services while the block runs: every change accepted until now counts, and every file saved
+        until now for a caller that waits. The loop runs the probes whose last answers do not count."""
         services = self.catalog.services
-        question = Question(names, self._loop.clock(), self._loop.generations.latest, waits)
+        generation = self._loop.generations.changed(manifest=True) if waits else self._loop.generations.latest
+        question = Question(names, self._loop.clock(), generation, waits)
         asked = {*names, *closure(services, names)}
         self._loop.questions[question] = {name: question.since_of(services[name]) for name in asked}
         self._loop.observer.ask()
-        if any(services[name].ready or services[name].away for name in asked):
+        if waits:
+            self._loop.wakes.check_files()
+        elif any(services[name].ready or services[name].away for name in asked):
             self._loop.wake()
         try:
             yield question

@@ -68,9 +68,10 @@ def desire(
 ) -> Desired:
     """Derive the desired state of a catalog. `run` is the directory of rorg's sockets. `images` maps an Image of the
     tree to the reference that stands for its content, so a container's digest changes with the content of its image.
-    `contents` has the digests of the files that each service mounts from the tree."""
+    `contents` has the digests of the files that each service mounts from the tree, unless it reads them when it
+    likes."""
     catalog = _from_sources(_located(catalog, run), images or {}, contents or {})
-    contents = _contents_that_matter(catalog, contents or {})
+    contents = contents or {}
     services, nobody = catalog.services, dict.fromkeys(catalog.services, tuple[str, ...]())
     graph = {name: sorted(n for n in services[name].needs if n in services) for name in sorted(services)}
     pairs = [(n, rival) for n, s in services.items() for rival in s.conflicts if rival in services and rival != n]
@@ -171,13 +172,6 @@ def _from_sources(catalog: Catalog, images: Mapping[str, str], mounted: Mapping[
         images=known,
         fingerprint=_fingerprint(catalog.fingerprint, images, mounted),
     )
-
-
-def _contents_that_matter(
-    catalog: Catalog, mounted: Mapping[str, Mapping[str, str]]
-) -> Mapping[str, Mapping[str, str]]:
-    """Return the files whose change is a trial of their service: with `on_change: none` it reads them when it likes."""
-    return {name: files for name, files in mounted.items() if catalog.services[name].on_change != "none"}
 
 
 def _fingerprint(manifests: str, images: Mapping[str, str], mounted: Mapping[str, Mapping[str, str]]) -> str:

@@ -52,6 +52,10 @@ def _gate(view: View, service: Service, step: Step) -> Passage:
             return (), held
     if operation.begins and name in view.s.unplugged:
         return (), Waiting(name, view.s.unplugged[name], code=DEVICE)
+    written = view.s.unsettled.intersection(view.desired.contents.get(name, ())) if isinstance(operation, Start) else ()
+    if written:
+        # It would read what rorg has not read yet, and be restarted for that under its requester.
+        return (), Waiting(name, f"{', '.join(sorted(written))} is being written")
     tried = memory.attempt(operation)
     if tried and tried.at and (left := view.countdown(tried.at)):
         word = "stalled" if memory.stalled else "failed"

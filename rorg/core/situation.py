@@ -67,6 +67,8 @@ class Surroundings:
     """Graphs of the ROS 1 masters that answer, and of the ROS 2 domains that are reported."""
     unreported: Mapping[str, float] = field(default_factory=dict)
     """Graphs of ROS 2 with managed nodes that nothing reports -> since when."""
+    unsettled: frozenset[str] = frozenset()
+    """Mounted paths of the tree, as in Desired.contents, that are being written and were not read yet."""
     peers: Peers = NOBODY
     """The other machines of the robot."""
     purge: bool = False

@@ -204,7 +204,7 @@ class Loop:
         self.written.write(self.running.memory.kept, decision)
         self.publisher.note(decision)
         self.running.memory, self.decision, self.inputs = decision.memory, decision, inputs
-        self.generations.acted = self.generations.read(upto, not self.wakes.files)
+        self.generations.acted = self.generations.read(upto, not self.wakes.files or self.tree.changes.restless)
         for action in decision.begin:
             self.workers.begin(action)
         if self.questions:
@@ -259,6 +259,7 @@ class Loop:
             devices=self._devices(),
             ros=self.ros.graphs(self.tree.desired.catalog),
             unreported=self.ros.unreported(self.tree.desired.catalog),
+            unsettled=self.tree.changes.unsettled,
             purge=document.down and document.purge,
             learned=self.learner.learned,
             cache=self.decision.cache if self.decision else None,
@@ -283,6 +284,8 @@ class Loop:
     def _read_files(self, upto: int) -> None:
         if self.wakes.take_requests() or upto > self.generations.acted:
             self.leases.read()
+        if self.wakes.take_check() and self.tree.source is None and self.tree.changes.differ():
+            self.wakes.again()
         if self.wakes.take_files():
             _, again = self.tree.read()
             if again:

@@ -18,6 +18,7 @@ from rorg.core.masking import Masker
 from rorg.core.peers import seen_from
 from rorg.core.standing import Standing
 from rorg.daemon.git_source import GitSource
+from rorg.daemon.tree_changes import TreeChanges
 from rorg.errors import RorgError
 from rorg.host.contents import Contents, Stats, below, contexts, stats
 from rorg.host.git import Commit, checkout_under_way, git_dir, head, head_stamp, refusal
@@ -34,8 +35,6 @@ PATIENCE = 2.0
 """Seconds to wait for a tree that changes while it is read; after that it is read as it is."""
 CHECKOUT = 60.0
 """The same while git says that it writes the tree."""
-MOUNTS_REST = 0.5
-"""Seconds without a change before a change of mounted files counts: some are written all the time."""
 Stamp = tuple[Stats, Stats, Stats]
 MOST_FOLDERS = 4000
 """Directories that are watched: the kernel has few watches, and other programs need some too."""
@@ -65,8 +64,6 @@ class Tree:
     """The repository's head at the last reading."""
     _stamp: Stamp | None = None
     """The stamp of the last reading."""
-    _mounts: tuple[Stats, float] = (), 0.0
-    """(what is mounted, as of the last look; since when it has been so)."""
     _since: float | None = None
     """Since when the tree has been too busy to be read."""
     _seen: Stamp | None = None
@@ -97,6 +94,7 @@ class Tree:
         """Of the last good tree."""
         self.desired: Desired = desire(EMPTY)
         self._inputs, self._contents = Inputs(), Contents()
+        self.changes = TreeChanges()
 
     @cached_property
     def _git(self) -> Path | None:
@@ -191,12 +189,15 @@ class Tree:
         now, stamp, checkout = self.clock(), self.stamp(), self._under_way
         if stamp == self._stamp and not checkout:
             self._since = None
+            self.changes.settled(stamp, self.folders())
             return self._moved() or self._built_anew(), False
         waited = 0.0 if self._since is None else now - self._since
         still = self._since is None or stamp[:2] == (self._seen or stamp)[:2]
         if waited < (CHECKOUT if checkout else PATIENCE) and (checkout or not still):
             return self._later(now, stamp)
-        if self._stamp and stamp[:2] == self._stamp[:2] and not self._rests(stamp, now):
+        if self._stamp and stamp[:2] == self._stamp[:2] and not self.changes.rest(stamp[2], now):
+            mounted = {path: f"{self.root.resolve() / path}" for of in self.desired.contents.values() for path in of}
+            self.changes.note_unsettled(self._stamp[2], mounted, now)
             return False, True
         moves = head_stamp(self._git)
         before, loaded = self._load(stamp)
@@ -206,6 +207,7 @@ class Tree:
             return self._later(now, after)
         self._since, self._stamp, self._moves = None, before, moves
         self._take(loaded)
+        self.changes.settled(before, self.folders())
         return True, not whole
 
     def _without(self, source: GitSource) -> bool:
@@ -241,13 +243,7 @@ class Tree:
         self._moves = head_stamp(self._git)
         self._stamp, loaded = self._load(self.stamp())
         self._take(loaded)
-
-    def _rests(self, stamp: Stamp, now: float) -> bool:
-        """Whether what is mounted has not changed for a while: a file that is written all the time, or half written,
-        must not restart anything."""
-        if self._mounts[0] != stamp[2]:
-            self._mounts = stamp[2], now
-        return now - self._mounts[1] >= MOUNTS_REST
+        self.changes.settled(self._stamp, self.folders())
 
     def _later(self, now: float, seen: Stamp) -> tuple[bool, bool]:
         self._since, self._seen = now if self._since is None else self._since, seen

@@ -16,8 +16,8 @@ class Wakes:
         self._woken = threading.Event()
         self._urgent = threading.Event()
         """Set with every wake that must not wait for others."""
-        self._files, self._requests = True, True
-        """Whether the tree, or the requests file, may have changed."""
+        self._files, self._requests, self._check = True, True, False
+        """Whether the tree, or the requests file, may have changed; and whether to check that of the tree."""
 
     def wake(self) -> None:
         self._urgent.set()
@@ -32,7 +32,13 @@ class Wakes:
         self.wake()
 
     def requests_changed(self) -> None:
-        self._requests = True
+        """The tree is checked too: who saves a file and requests its service means what was saved. The watcher tells it
+        up to 0.3 s later."""
+        self._requests = self._check = True
+        self.wake()
+
+    def check_files(self) -> None:
+        self._check = True
         self.wake()
 
     @property
@@ -43,6 +49,11 @@ class Wakes:
         """Whether the tree may have changed; a change after this call counts for the next one."""
         changed, self._files = self._files, False
         return changed
+
+    def take_check(self) -> bool:
+        """Whether to check if the tree has changed."""
+        check, self._check = self._check, False
+        return check
 
     def again(self) -> None:
         """Look at the tree again soon."""

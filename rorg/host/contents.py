@@ -32,11 +32,12 @@ class Contents:
         self.files = FileDigests()
 
     def of(self, catalog: Catalog, root: Path) -> dict[str, dict[str, str]]:
-        """Service -> path below the tree -> digest of what is there, for services that mount any."""
+        """Service -> path below the tree -> digest of what is there. Services with `on_change: none` are left out: such
+        files are data, which may change all the time."""
         base, digests, mounts = str(root.resolve()), dict[str, dict[str, str]](), dict[str, str]()
         self.files.begin()
         for name, service in catalog.services.items():
-            if service.spec is None:
+            if service.spec is None or service.on_change == "none":
                 continue
             for source in mounted(service.spec, base):
                 if source not in mounts:
@@ -152,12 +153,16 @@ def _context(place: Path) -> Iterator[Path]:
 
 def stats(paths: Iterable[Path]) -> Stats:
     """Of the files that exist."""
-    files = []
-    for path in paths:
+    return tuple(found for path in paths if (found := stat_of(str(path))))
+
+
+def stat_of(path: str) -> tuple[str | int, ...] | None:
+    """Name, time, size and inode of a file or folder; None if it does not exist."""
+    try:
+        facts = os.stat(path)
+    except OSError:
         try:
-            # A dangling link belongs to the tree too.
-            stat = os.stat(path) if os.path.exists(path) else os.lstat(path)
+            facts = os.lstat(path)  # a dangling link belongs to the tree too
         except OSError:
-            continue
-        files.append((str(path), stat.st_mtime_ns, stat.st_size, stat.st_ino))
-    return tuple(files)
+            return None
+    return path, facts.st_mtime_ns, facts.st_size, facts.st_ino
