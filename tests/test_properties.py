@@ -67,6 +67,8 @@ def counts():
 
 HARDER = {"deactivate": ["pause", "stop", "remove"], "pause": ["stop", "remove"], "stop": ["remove"]}
 """What may follow after an idle action."""
+USERS = [*([{}] * 3), {"gpu": 1}, {"cam": 1}, {"cam": 1, "gpu": 1}, {"bus": 1}, {"bus": 1}, {"bus": 2}]
+"""Exclusive resources that a service may use. There are two units of the bus."""
 PARAMETERS = [None, None, {"parameters": {"/speed": 0.5}}]
 
 
@@ -82,11 +84,11 @@ def services(draw):
     found: dict[str, dict] = {}
     for index, name in enumerate(NAMES):
         earlier = draw(st.lists(st.sampled_from(NAMES[:index]), max_size=2, unique=True)) if index else []
-        exclusive = draw(st.sampled_from([[], [], [], ["gpu"], ["cam"], ["cam", "gpu"]]))
+        exclusive = draw(st.sampled_from(USERS))
         needs: list[str] = []
         for need in earlier:
-            used = [r for n in {*below(found, [*needs, need])} for r in found[n]["exclusive"]] + exclusive
-            needs += [need] if len(used) == len(set(used)) else []
+            used = sum((Counter(found[n]["exclusive"]) for n in below(found, [*needs, need])), Counter(exclusive))
+            needs += [need] if used <= Counter(gpu=1, cam=1, bus=2) else []
         others = [n for n in NAMES[:index] if n not in below(found, needs)]
         idle = {
             "action": draw(st.sampled_from(["pause", "deactivate", "stop", "remove"])),
@@ -259,7 +261,7 @@ def test_networks_come_and_go_with_who_uses_them(specs, uses, events):
 @HALF
 @given(services(), st.sampled_from(["network_mode", "pid", "volumes_from"]), CHANGES)
 def test_what_is_joined_follows_what_it_joins(specs, option, events):
-    first, second = ({**specs[n], "exclusive": [], "conflicts": []} for n in NAMES[:2])
+    first, second = ({**specs[n], "exclusive": {}, "conflicts": []} for n in NAMES[:2])
     second |= {"container": joined(option, NAMES[0]), "always_on": True}
     live_through({NAMES[0]: first, NAMES[1]: second}, {}, events)
 
@@ -345,7 +347,7 @@ LEARNED = st.fixed_dictionaries({names: FOLLOWING for names in [(), *((name,) fo
 def test_what_is_prewarmed_is_in_nobodys_way(specs, policy, events, departures, warm):
     for name in sorted(warm):
         spec = {k: v for k, v in specs[name].items() if k not in ("interlock", "driver", "exclusive")}
-        specs[name] = {**spec, "exclusive": [], "idle": {**spec["idle"], "prewarm": 0.2}}
+        specs[name] = {**spec, "exclusive": {}, "idle": {**spec["idle"], "prewarm": 0.2}}
     events = [("request", NAMES[5], 1.0), *events[:4], ("release", NAMES[5], 1.0), *events[4:]]
     live_through(specs, policy, events, learned=Learned({"developer": departures}))
 
@@ -383,7 +385,8 @@ class World:
     def load(self) -> Catalog:
         declared = {"networks": self.networks, "volumes": self.volumes}
         specs = {n: {**s, "container": {**s.get("container", {}), **self._used(n)}} for n, s in self.specs.items()}
-        return load_or_raise(write_tree(self.root, specs, policies={"policy": self.policy}, **declared))
+        policy = {**self.policy, "resources": {"bus": 2, **self.policy.get("resources", {})}}
+        return load_or_raise(write_tree(self.root, specs, policies={"policy": policy}, **declared))
 
     def _used(self, name: str) -> dict:
         """What a service uses of what is declared."""

@@ -124,7 +124,7 @@ def _start(view: View, service: Service, step: Step) -> Passage:
                 return (), Waiting(name, f"conflicts with {other}, which is active")
             after.append(other)
     for resource in service.exclusive:
-        holders = view.exclusive.holders(service, resource)
+        holders = view.exclusive.holders(service, resource, view.begins)
         if not all(view.has_actions(h) for h in holders):
             return (), Waiting(name, f"waits for {resource}, which {', '.join(holders)} still uses")
         after += holders

@@ -209,11 +209,16 @@ def _replan(planner: Planner, kept: Planned, names: Collection[str]) -> tuple[st
         last, name = place, kept.names[place]
         old_plan, new_plan = kept.plans[name], planner.plan(name)
         replanned.append(name)
-        if (bool(old_plan.actions), old_plan.unready) != (bool(new_plan.actions), new_plan.unready):
+        if _seen_by_others(old_plan) != _seen_by_others(new_plan):
             for depending in depending_plans(planner.s, name):
                 if places.get(depending, -1) > place:
                     heapq.heappush(pending, places[depending])
     return tuple(replanned)
+
+
+def _seen_by_others(plan: ServicePlan) -> tuple[bool, bool, str]:
+    """Return what the plans of other services depend on."""
+    return bool(plan.actions), plan.begins, plan.unready
 
 
 def _with_replanned(kept: Planned, planner: Planner, replanned: tuple[str, ...], no_linger: frozenset[str]) -> Planned:

@@ -222,5 +222,10 @@ class ServicePlan:
     def busy(self) -> bool:
         return bool(self.actions or self.waitings or self.notes)
 
+    @property
+    def begins(self) -> bool:
+        """Whether the service begins to run."""
+        return any(action.operation.begins for action in self.actions)
+
 
 NOTHING = ServicePlan()

@@ -127,9 +127,10 @@ class Exclusive:
         self.s, self.desired, self.undeclared = situation, situation.desired, undeclared
         self.capacity = situation.desired.catalog.policy.resources
 
-    def holders(self, service: Service, resource: str) -> list[str]:
-        """Return the services that must let go of a resource before this service can begin."""
-        users = [o for o in self.desired.sharers[resource] if o != service.name and self.alive(o)]
+    def holders(self, service: Service, resource: str, begins: Callable[[str], bool]) -> list[str]:
+        """Return the services that must let go of a resource before this service can begin. `begins` says which
+        services begin earlier in the same plan: they hold it as well."""
+        users = [o for o in self.desired.sharers[resource] if o != service.name and (self.alive(o) or begins(o))]
         left_over = self.left_over(resource)
         used = service.exclusive[resource] + sum(self.units(o, resource) for o in users) + sum(left_over.values())
         if used <= self.capacity.get(resource, 1):
@@ -137,17 +138,13 @@ class Exclusive:
         return [*(o for o in users if o not in self.s.wanted), *left_over] or users
 
     def contested(self, service: Service) -> bool:
-        """Return whether this service holds a resource, even while paused, that a wanted service waits for."""
+        """Return whether this service holds a resource, even while paused, that wanted services need."""
         for resource, units in service.exclusive.items():
             sharers = [o for o in self.desired.sharers[resource] if o != service.name]
-            used = units + sum(self.units(o, resource) for o in sharers if self.alive(o))
-            used += sum(self.left_over(resource).values())
-            capacity = self.capacity.get(resource, 1)
-            if any(
-                used + (0 if self.alive(o) else self.units(o, resource)) > capacity
-                for o in sharers
-                if o in self.s.wanted and not self.s.over(o)
-            ):
+            needed_by = {o for o in sharers if o in self.s.wanted and not self.s.over(o)}
+            users = [o for o in sharers if o in needed_by or self.alive(o)]
+            used = units + sum(self.units(o, resource) for o in users) + sum(self.left_over(resource).values())
+            if needed_by and used > self.capacity.get(resource, 1):
                 return True
         return False
 
@@ -223,6 +220,10 @@ class View:
     def has_actions(self, name: str) -> bool:
         """Return whether the plan before this one has actions for a service."""
         return bool(self.earlier(name).actions)
+
+    def begins(self, name: str) -> bool:
+        """Return whether the plan before this one begins a run of a service."""
+        return self.earlier(name).begins
 
     def unready(self, name: str) -> str:
         """Return why a service is not ready and the plan will not change that; "" otherwise."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from bounded.registry import at
 from bounded.watch import EXACT, Watch, known, namespaces
 
@@ -43,19 +45,21 @@ def only_the_wanted_begin(watch: Watch) -> None:
 
 @at("begin")
 def nothing_begins_against_rivals(watch: Watch) -> None:
-    """Nothing starts while a run that conflicts with it, or that has its exclusive resource, goes on."""
+    """Nothing starts while a run that conflicts with it, or that has its exclusive resource, goes on or is being
+    started."""
     name, action = watch.action
     if action.verb in ("start", "resume"):
-        alone(watch, name)
+        flights = watch.robot.memory.in_flight.items()
+        alone(watch, name, {n for n, flight in flights if flight.action.verb in ("start", "resume")})
 
 
-def alone(watch: Watch, name: str) -> None:
-    """Nothing that is alive stands against its beginning, by the engine."""
-    catalog, alive = watch.robot.desired.catalog, watch.alive(but=name)
+def alone(watch: Watch, name: str, begun: Collection[str] = ()) -> None:
+    """Nothing that is alive by the engine, or that is being `begun`, stands against its beginning."""
+    catalog, others = watch.robot.desired.catalog, {*watch.alive(but=name), *begun} - {name}
     for resource, units in catalog.services[name].exclusive.items():
-        used = sum(catalog.services[n].exclusive.get(resource, 0) for n in alive)
+        used = sum(catalog.services[n].exclusive.get(resource, 0) for n in others)
         assert used + units <= catalog.policy.resources.get(resource, 1), f"more {resource} than there is"
-    active = {n for n in watch.robot.active() if n in catalog.services}
+    active = {n for n in {*watch.robot.active(), *begun} if n in catalog.services}
     assert not [p for p in conflicting(catalog.services, {*active, name}) if name in p], f"{name} conflicts"
 
 

@@ -36,6 +36,7 @@ def alphabet(world: World) -> list[Step]:
     single = ("request", "lease", "release", "turn", "change", "spoil", "always", "crash", "bounce", "freeze", "skip")
     found: list[Step] = [(verb, n) for n in range(count) for verb in (*single, *CALLS)]
     found += [("ask", a, b) for a in range(count) for b in range(count) if a != b]
+    found += [("others", n) for n in range(count) if count > 2]
     return [*found, ("stale",), ("twice",), ("reborn",), ("outage",)]
 
 
@@ -103,6 +104,16 @@ def turn(robot: WorldRobot, name: str) -> bool:
     robot.document = robot.document.without({r.key for r in others})
     robot.acknowledged -= {r.key for r in others}
     request(robot, name)
+    return True
+
+
+def others(robot: WorldRobot, name: str) -> bool:
+    """What was requested of one service is released, and all others are requested instead, at the same moment."""
+    if not release(robot, name):
+        return False
+    for other, service in robot.desired.catalog.services.items():
+        if other != name and not service.meta:
+            request(robot, other)
     return True
 
 
@@ -185,6 +196,7 @@ DO: dict[str, Callable[..., bool]] = {
     "ask": ask,
     "release": release,
     "turn": turn,
+    "others": others,
     "crash": crash,
     "bounce": bounce,
     "freeze": freeze,

@@ -1,7 +1,8 @@
 """All small worlds: manifests of at most four services over a small alphabet, each once up to renaming.
 
 A world is a set of features. Those of one service: how it idles, lingers, is always on, has probes, or defers its
-changes. Those of two: one needs the other, restarts with it, conflicts with it, or shares an exclusive resource.
+changes. Those of two: one needs the other, restarts with it, conflicts with it, or shares an exclusive resource. Those
+of three: they use units of a resource that has two.
 """
 
 from __future__ import annotations
@@ -34,6 +35,9 @@ SINGLE: Mapping[str, dict] = {
 """Feature of one service -> what it adds to its manifest."""
 DOUBLE = ("restart", "conflict", "gpu")
 """Features of two services, besides `needs`. A `restart` belongs to a need; the other two exclude one."""
+TRIPLE: Mapping[str, tuple[int, int, int]] = {"bus": (1, 1, 1), "wide": (2, 1, 1)}
+"""Feature of three services -> how many of the two units of the bus each of them uses."""
+POLICIES = {"policy": {"resources": {"bus": 2}}}
 Feature = tuple[str, ...]
 """Its name and the services, as `("needs", "1", "0")`: service 1 needs service 0."""
 EDITIONS = ("0", "1", "bad")
@@ -89,7 +93,7 @@ class Manifests:
             specs[name] = {**self.world.specs[name], "always_on": always, **edited}
         with tempfile.TemporaryDirectory() as folder:
             try:
-                desired = desire(load_or_raise(write_tree(Path(folder), specs)))
+                desired = desire(load_or_raise(write_tree(Path(folder), specs, policies=POLICIES)))
             except Invalid:
                 return None
         for name, edition in zip(self.world.names, state.editions, strict=True):
@@ -142,7 +146,9 @@ def slots(services: int, needs: tuple[Feature, ...]) -> list[Feature]:
     related = {(a, b) for _, b, a in needs}
     pairs = [(str(a), str(b)) for a, b in itertools.combinations(range(services), 2)]
     single += [("restart", b, a) for a, b in pairs if (a, b) in related]
-    return single + [(name, a, b) for name in DOUBLE[1:] for a, b in pairs if (a, b) not in related]
+    single += [(name, a, b) for name in DOUBLE[1:] for a, b in pairs if (a, b) not in related]
+    triples = [*itertools.permutations(map(str, range(services)), 3)]
+    return single + sorted({_unordered((name, *t)) for name in TRIPLE for t in triples})
 
 
 def sound(features: tuple[Feature, ...]) -> bool:
@@ -161,8 +167,15 @@ def canon(features: tuple[Feature, ...], services: int) -> tuple[Feature, ...]:
 
 def _renamed(feature: Feature, order: tuple[str, ...]) -> Feature:
     name, *of = feature
-    of = [order[int(n)] for n in of]
-    return (name, *(sorted(of) if name in ("conflict", "gpu") else of))
+    return _unordered((name, *(order[int(n)] for n in of)))
+
+
+def _unordered(feature: Feature) -> Feature:
+    """The same for all orders of services that the feature does not distinguish."""
+    name, *of = feature
+    if name in ("conflict", "gpu", "bus"):
+        return name, *sorted(of)
+    return (name, of[0], *sorted(of[1:])) if name == "wide" else feature
 
 
 def specs_of(features: tuple[Feature, ...], services: int) -> dict[str, dict]:
@@ -182,5 +195,8 @@ def specs_of(features: tuple[Feature, ...], services: int) -> dict[str, dict]:
             spec["conflicts"] = [*spec.get("conflicts", ()), f"s{more[0]}"]
         elif name == "gpu":
             for one in (spec, specs[f"s{more[0]}"]):
-                one["exclusive"] = ["gpu"]
+                one["exclusive"] = {**one.get("exclusive", {}), "gpu": 1}
+        elif name in TRIPLE:
+            for service, units in zip((first, *more), TRIPLE[name], strict=True):
+                specs[f"s{service}"]["exclusive"] = {**specs[f"s{service}"].get("exclusive", {}), "bus": units}
     return specs
