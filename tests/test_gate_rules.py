@@ -8,9 +8,10 @@ from typing import Any
 import pytest
 from situations import ARM, BASE, EARLIER, NOW, PROBED, RUN, SPEC, box, planned, situation, up
 
+from rorg.core.digest import Rules, labels
 from rorg.core.incremental import plan_all
 from rorg.core.memory import InFlight, Memory, Progress
-from rorg.core.observed import Container
+from rorg.core.observed import LABEL_RULES, Container
 from rorg.core.operations import Pause, Start
 from rorg.core.plan import Action
 from rorg.core.update import Update
@@ -56,6 +57,16 @@ def test_a_rival_that_is_being_started_is_waited_for(rules):
     assert f". wait base {why}" in found
     found = planned(*services, seen=seen, memory=flying(Pause), wanted=wanted)
     assert f". wait base {why}" not in found, "that call starts nothing"
+
+
+def test_a_paused_service_without_a_manifest_is_not_resumed_beside_its_rival():
+    rules = labels("robot", "gone", {}, "", Rules(None, {}, ("arm",)))[LABEL_RULES]
+    left, arm = box("gone", "paused", rules=rules), replace(ARM, needs=())
+    found = planned(arm, seen=(box("arm"), left))
+    assert found == [". wait gone stays paused, because a stop would resume it: conflicts with arm, which is active"]
+    found = planned(arm, seen=(box("arm", "exited"), left))
+    assert verbs(found) == ["stop gone", "start arm"]
+    assert found[-1].endswith("after gone")
 
 
 # -- needs -----------------------------------------------------------------------------------------------------

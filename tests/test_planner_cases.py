@@ -78,6 +78,7 @@ UNDER_WAY: Mapping[str, Operation] = {
     "resume": Resume(container="one"),
     "pause": Pause(container="one"),
     "stop": Stop(container="one", signal="SIGTERM", grace=5.0, incarnation=""),
+    "stop paused": Stop(container="one", signal="SIGTERM", grace=5.0, incarnation="", resumes=True),
 }
 """Of a call that a case has in flight only its kind counts."""
 

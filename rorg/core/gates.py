@@ -6,41 +6,49 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from rorg.core.deferred import held_back
-from rorg.core.digest import rules_of
 from rorg.core.joining import awaited, ended, is_cut_off
 from rorg.core.operations import Create, Operation, Rename, Start, Stop
 from rorg.core.plan import Part, Waiting
+from rorg.core.room import FREE, Passage, room
 from rorg.core.ros_parameters import due
 from rorg.core.situation import View
 from rorg.core.steps import Step
 from rorg.model.catalog import Service
-from rorg.model.codes import DEVICE, PARAMETERS
+from rorg.model.codes import DEVICE, PARAMETERS, ROOM
 from rorg.model.joining import ends_with
 from rorg.model.units import format_seconds
-
-Passage = tuple[tuple[str, ...], Waiting | None]
-"""Services whose actions the step must follow, or what it waits for."""
-FREE: Passage = (), None
 
 
 def gate(view: View, service: Service, step: Step) -> Passage:
     """Return what a step must follow or wait for."""
-    made, waiting = _objects(view, service.name, step)
-    if waiting:
-        return (), waiting
-    after, waiting = _gate(view, service, step)
-    return (*made, *after), waiting
+    found: list[str] = []
+    for passage in (_objects, _resume, _gate):
+        after, waiting = passage(view, service, step)
+        if waiting:
+            return (), waiting
+        found += after
+    return tuple(found), None
 
 
-def _objects(view: View, name: str, step: Step) -> Passage:
+def _objects(view: View, service: Service, step: Step) -> Passage:
     """Networks and volumes must exist before a container that uses them is created or started."""
-    uses = view.desired.uses.get(name, ()) if isinstance(step.operation, (Create, Start)) else ()
+    uses = view.desired.uses.get(service.name, ()) if isinstance(step.operation, (Create, Start)) else ()
     for subject in uses:
         plan = view.earlier(subject)
         if plan.unready:
             code = next((w.code for w in plan.waitings), "")
-            return (), Waiting(name, f"{subject} {plan.unready}", code=code)
+            return (), Waiting(service.name, f"{subject} {plan.unready}", code=code)
     return tuple(subject for subject in uses if view.has_actions(subject)), None
+
+
+def _resume(view: View, service: Service, step: Step) -> Passage:
+    """A stop that resumes a paused container needs room for the end of its run."""
+    if not (isinstance(step.operation, Stop) and step.operation.resumes):
+        return FREE
+    after, taken = room(view, service)
+    if taken:
+        return (), Waiting(service.name, f"stays paused, because a stop would resume it: {taken.reason}", code=ROOM)
+    return after, None
 
 
 def _gate(view: View, service: Service, step: Step) -> Passage:
@@ -115,20 +123,8 @@ def _start(view: View, service: Service, step: Step) -> Passage:
             reason = ended(view, service, need, begun)
         if reason:
             return (), Waiting(name, f"{need} {reason}", _ready_at(view, need))
-    left = [n for n, cs in view.exclusive.undeclared.items() if name in rules_of(cs[0].rules).conflicts]
-    for other in (*view.desired.conflicts.get(name, ()), *left):
-        if view.s.starting(other):
-            return (), Waiting(name, f"conflicts with {other}, which is being started")
-        if view.active(other):
-            if not view.has_actions(other):
-                return (), Waiting(name, f"conflicts with {other}, which is active")
-            after.append(other)
-    for resource in service.exclusive:
-        holders = view.exclusive.holders(service, resource, view.begins)
-        if not all(view.has_actions(h) for h in holders):
-            return (), Waiting(name, f"waits for {resource}, which {', '.join(holders)} still uses")
-        after += holders
-    return tuple(after), None
+    made, waiting = room(view, service)
+    return ((), waiting) if waiting else ((*after, *made), None)
 
 
 def _parameters(view: View, service: Service) -> Passage:

@@ -15,9 +15,10 @@ from dataclasses import dataclass
 from rorg.core.memory import Attempt
 from rorg.core.observed import Container
 from rorg.core.operations import Deactivate, Operation, Pause
+from rorg.core.room import room
 from rorg.core.ros_graph import Connection, RosGraph, connections, graph_of
 from rorg.core.situation import Situation, View
-from rorg.core.steps import Step, away, stop
+from rorg.core.steps import Step, away, kill, stop
 from rorg.core.wanted import wanted_without
 from rorg.model.catalog import Service
 from rorg.model.units import format_seconds
@@ -143,9 +144,13 @@ def cease(view: View, service: Service, container: Container) -> Ceasing:
             if idle.action == "pause"
             else _deactivate(view, service, container, why)
         )
-    if container.alive and (idle.action == "stop" or frees):
+    if container.alive and frees:
+        return [_end(view, service, container, why)], None
+    if container.alive and idle.action == "stop":
         return [stop(container, why, service)], None
-    if container.asleep and (why := _why_stop_asleep(view, service, container)):
+    if container.asleep and situation.measures.stop_paused:
+        return [_end(view, service, container, "the machine is short of memory")], None
+    if container.state == "paused" and (why := _why_not_paused(view, service)):
         return [stop(container, why, service)], None
     if idle.escalate and since is not None:
         return _escalate(view, service, container, since, *idle.escalate)
@@ -185,12 +190,16 @@ def _failed(view: View, service: Service, kind: type[Operation]) -> str:
     return tried.error if tried.unsupported or tried.count >= ATTEMPTS else ""
 
 
-def _why_stop_asleep(view: View, service: Service, container: Container) -> str:
-    """Return why a paused or inactive service must be stopped; "" if it stays as it is."""
-    if view.s.measures.stop_paused:
-        return "the machine is short of memory"
-    mindful = container.state == "paused" and service.idle.connected == "stop"
-    use = in_use(view.s, service) if mindful else None
+def _end(view: View, service: Service, container: Container, why: str) -> Step:
+    """Return the step that ends a run because others need what it holds. If it is paused and has no room to run until
+    its end, it is killed: otherwise the others would wait for as long as the room is taken."""
+    taken = room(view, service)[1] if container.state == "paused" else None
+    return kill(container, f"{why}; killed while paused: {taken.reason}") if taken else stop(container, why, service)
+
+
+def _why_not_paused(view: View, service: Service) -> str:
+    """Return why a paused service must be stopped; "" if it stays as it is."""
+    use = in_use(view.s, service) if service.idle.connected == "stop" else None
     # Unknown connections may be the same as when it was paused: leave it paused.
     return f"stop instead of pause: {use}" if use and use.connections else ""
 

@@ -218,7 +218,7 @@ def _replan(planner: Planner, kept: Planned, names: Collection[str]) -> tuple[st
 
 def _seen_by_others(plan: ServicePlan) -> tuple[bool, bool, str]:
     """Return what the plans of other services depend on."""
-    return bool(plan.actions), plan.begins, plan.unready
+    return bool(plan.actions), plan.runs, plan.unready
 
 
 def _with_replanned(kept: Planned, planner: Planner, replanned: tuple[str, ...], no_linger: frozenset[str]) -> Planned:

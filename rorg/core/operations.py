@@ -183,6 +183,8 @@ class Stop(Operation):
     grace: float
     incarnation: str
     """The run to end, remembered so that its exit does not count as a crash."""
+    resumes: bool = False
+    """Its container is paused, and has to be resumed to receive the signal."""
 
     def details(self) -> tuple[str, ...]:
         return (self.signal, format_seconds(self.grace))

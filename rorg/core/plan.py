@@ -8,7 +8,7 @@ from enum import StrEnum
 from math import inf
 from typing import Any
 
-from rorg.core.operations import OPERATIONS, Operation
+from rorg.core.operations import OPERATIONS, Operation, Stop
 from rorg.model.codes import BAKING, IMAGE, PARAMETERS
 
 
@@ -62,6 +62,11 @@ class Action:
         return self.operation.verb
 
     @property
+    def runs(self) -> bool:
+        """Whether the program runs because of it, even if only to end."""
+        return self.operation.begins or (isinstance(self.operation, Stop) and self.operation.resumes)
+
+    @property
     def why(self) -> str:
         """The reason, with the changed options if there are any."""
         return self.reason + (f": {', '.join(self.fields)}" if self.fields else "")
@@ -104,6 +109,7 @@ class Waiting:
     - blocked: a network or volume is missing or not rorg's;
     - withheld: its removal needs a person's confirmation;
     - deferred: it is left for later;
+    - room: a service that excludes it runs;
     - preempted, suspended.
 
     Codes of waitings that only take time:
@@ -223,9 +229,9 @@ class ServicePlan:
         return bool(self.actions or self.waitings or self.notes)
 
     @property
-    def begins(self) -> bool:
-        """Whether the service begins to run."""
-        return any(action.operation.begins for action in self.actions)
+    def runs(self) -> bool:
+        """Whether the service begins to run, or is resumed to end."""
+        return any(action.runs for action in self.actions)
 
 
 NOTHING = ServicePlan()

@@ -127,10 +127,10 @@ class Exclusive:
         self.s, self.desired, self.undeclared = situation, situation.desired, undeclared
         self.capacity = situation.desired.catalog.policy.resources
 
-    def holders(self, service: Service, resource: str, begins: Callable[[str], bool]) -> list[str]:
-        """Return the services that must let go of a resource before this service can begin. `begins` says which
-        services begin earlier in the same plan: they hold it as well."""
-        users = [o for o in self.desired.sharers[resource] if o != service.name and (self.alive(o) or begins(o))]
+    def holders(self, service: Service, resource: str, runs: Callable[[str], bool]) -> list[str]:
+        """Return the services that must let go of a resource before this service can run. `runs` says which services
+        run because of the same plan: they hold it as well."""
+        users = [o for o in self.desired.sharers[resource] if o != service.name and (self.alive(o) or runs(o))]
         left_over = self.left_over(resource)
         used = service.exclusive[resource] + sum(self.units(o, resource) for o in users) + sum(left_over.values())
         if used <= self.capacity.get(resource, 1):
@@ -215,15 +215,17 @@ class View:
         return self.s.observed.containers
 
     def active(self, service: str) -> bool:
-        return any(c.active for c in self.of(service))
+        """Return whether a service runs, or a call under way makes it run, even if only to end."""
+        flight = self.s.memory.in_flight.get(service)
+        return any(c.active for c in self.of(service)) or (flight is not None and flight.action.runs)
 
     def has_actions(self, name: str) -> bool:
         """Return whether the plan before this one has actions for a service."""
         return bool(self.earlier(name).actions)
 
-    def begins(self, name: str) -> bool:
-        """Return whether the plan before this one begins a run of a service."""
-        return self.earlier(name).begins
+    def runs(self, name: str) -> bool:
+        """Return whether a service runs because of the plan before this one, even if only to end."""
+        return self.earlier(name).runs
 
     def unready(self, name: str) -> str:
         """Return why a service is not ready and the plan will not change that; "" otherwise."""

@@ -48,13 +48,14 @@ def nothing_begins_against_rivals(watch: Watch) -> None:
     """Nothing starts while a run that conflicts with it, or that has its exclusive resource, goes on or is being
     started."""
     name, action = watch.action
-    if action.verb in ("start", "resume"):
+    if action.verb in ("start", "resume") or name in watch.resumed():
         flights = watch.robot.memory.in_flight.items()
         alone(watch, name, {n for n, flight in flights if flight.action.verb in ("start", "resume")})
 
 
 def alone(watch: Watch, name: str, begun: Collection[str] = ()) -> None:
-    """Nothing that is alive by the engine, or that is being `begun`, stands against its beginning."""
+    """Nothing that is alive by the engine, that is being `begun`, or that is resumed to end, stands against its run."""
+    begun = {*begun, *watch.resumed()}
     catalog, others = watch.robot.desired.catalog, {*watch.alive(but=name), *begun} - {name}
     for resource, units in catalog.services[name].exclusive.items():
         used = sum(catalog.services[n].exclusive.get(resource, 0) for n in others)
@@ -198,9 +199,10 @@ def what_failed_is_not_tried_again(watch: Watch) -> None:
 
 @at("call")
 def rivals_never_run_together(watch: Watch) -> None:
-    """By the engine's own events: a start or resume never meets a run that conflicts, or has its exclusive resource."""
+    """By the engine's own events: a start or resume never meets a run that conflicts, or has its exclusive resource. A
+    paused run that is stopped is resumed."""
     verb, _, service = watch.call
-    if verb in ("start", "resume") and service in watch.services:
+    if (verb in ("start", "resume") or service in watch.resumed()) and service in watch.services:
         alone(watch, service)
 
 

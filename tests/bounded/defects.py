@@ -115,9 +115,9 @@ DEFECTS = (
     ),
     Defect(
         "a conflict holds nothing back",
-        "core/gates.py",
-        "        if view.active(other):\n",
-        "        if False:\n",
+        "core/room.py",
+        "    for other in _rivals(view, name):\n",
+        "    for other in ():\n",
         (RIVALS, TOGETHER),
         2,
         CONFLICT,

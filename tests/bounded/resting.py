@@ -124,7 +124,14 @@ def the_idle_are_as_declared(watch: Watch) -> None:
         assert state in ALLOWED[idle.action], (name, state)
         further = idle.escalate[1] if idle.escalate else None
         stays = {None: ("inactive", "paused"), "pause": ("paused",)}.get(further, ())
+        # What conflicts with it runs, so it cannot be resumed to end.
+        stays = (*stays, "paused") if rivals(watch, name) & robot.active() and name in waiting(watch) else stays
         assert state not in {"inactive", "paused"} - {*stays}, f"{name} went no further"
+
+
+def rivals(watch: Watch, name: str) -> set[str]:
+    """Services that conflict with one."""
+    return {n for pair in conflicting(watch.services, watch.services) if name in pair for n in pair} - {name}
 
 
 @at("rest")

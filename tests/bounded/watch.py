@@ -171,6 +171,7 @@ class Watch:
         if verb == "stop" and container and container.incarnation in self.to_stop:
             self.stopped.add(container.incarnation)
         self.check("call", self)
+        self.call = None
 
     def _note_repetition(self) -> None:
         decision = self.robot.decision
@@ -237,6 +238,15 @@ class Watch:
         """Services about which the plan says anything, and those with a call under way."""
         plan = self.robot.decision.plan
         return {a.service for a in plan.actions} | {w.service for w in plan.waitings} | {*self.robot.memory.in_flight}
+
+    def resumed(self) -> set[str]:
+        """Declared services whose paused run is being stopped: it runs until it has ended, unless it is killed."""
+        flights, found = self.robot.memory.in_flight.items(), {**self.robot.engine.containers}
+        if self.call and self.call[1]:
+            found[self.call[1].id] = self.call[1]  # as it was before this call
+        stops = {n: f.action.operation for n, f in flights if isinstance(f.action.operation, Stop)}
+        paused = {n for n, stop in stops.items() if stop.container in found and found[stop.container].state == "paused"}
+        return {n for n in paused & self.services.keys() if stops[n].signal != "SIGKILL"}
 
     def alive(self, but: str = "") -> set[str]:
         """Declared services with a run that goes on, by the engine."""

@@ -26,6 +26,7 @@ from rorg.tools.sim.engine import iso
 PROBES = {"ready": {"tcp": 1234}, "live": {"tcp": 1234}}
 SINGLE: Mapping[str, dict] = {
     "pause": {"idle": {"action": "pause"}},
+    "escalate": {"idle": {"action": "pause", "escalate": {"after": "2s", "action": "stop"}}},
     "remove": {"idle": {"action": "remove"}},
     "linger": {"idle": {"linger": "2s"}},
     "always": {"always_on": True},
@@ -153,7 +154,7 @@ def slots(services: int, needs: tuple[Feature, ...]) -> list[Feature]:
 
 def sound(features: tuple[Feature, ...]) -> bool:
     """Whether no service has two ways to idle, or a needs edge twice."""
-    ways = [f[1] for f in features if f[0] in ("pause", "remove")]
+    ways = [f[1] for f in features if f[0] in ("pause", "escalate", "remove")]
     return len(ways) == len({*ways})
 
 

@@ -121,7 +121,7 @@ DEFECTS = (
     defect(
         "exclusive resources are not waited for",
         "preemption",
-        ("core/gates.py", "    for resource in service.exclusive:\n", "    for resource in ():\n"),
+        ("core/room.py", "    for resource in service.exclusive:\n", "    for resource in ():\n"),
     ),
     defect(
         "the note of a change goes before its commit",

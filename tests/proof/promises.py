@@ -130,9 +130,12 @@ def needs_are_ready_first(story: Story) -> Iterator[str]:
 
 
 def exclusive_is_exclusive(story: Story) -> Iterator[str]:
-    """Services that conflict, or use one resource, never run together."""
-    for entry in story.entries:
-        running = sorted({c.service for c in entry.containers.values() if c.state == "running"})
+    """Services that conflict, or use one resource, never run together. A paused one that is stopped runs until it has
+    ended."""
+    for entry, before, _ in proven_before(story):
+        stopped = before.get(entry.container)
+        resumed = {entry.service} if entry.verb == "stop" and stopped and stopped.state == "paused" else set[str]()
+        running = sorted(resumed | {c.service for c in entry.containers.values() if c.state == "running"})
         for index, one in enumerate(running):
             spec = story.specs.get(one, {})
             for other in running[index + 1 :]:

@@ -60,6 +60,15 @@ SOUND += [
 SOUND += [entry("remove", BASE, NEXT)]
 
 
+def test_a_paused_run_that_is_stopped_runs():
+    paused, arm = replace(BASE, state="paused"), replace(ARM, service="arm")
+    story = [entry("given", None, paused, arm), entry("stop", paused, replace(BASE, state="exited"), arm)]
+    specs = {"base": {}, "arm": {"conflicts": ["base"]}}
+    assert list(promises.exclusive_is_exclusive(Story(story, specs)))
+    alone = [entry("given", None, paused), entry("stop", paused, replace(BASE, state="exited"))]
+    assert not list(promises.exclusive_is_exclusive(Story(alone, specs)))
+
+
 @pytest.mark.parametrize("name", CASES)
 def test_a_promise_can_be_broken(name):
     assert list(getattr(promises, name)(Story(CASES[name], SPECS)))
