@@ -10,7 +10,7 @@ import resource
 import shutil
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import psutil
@@ -148,6 +148,21 @@ class Dockerd:
         for mount in sorted((m for m in mounts if m.startswith(f"{folder}/")), reverse=True):
             subprocess.run(["umount", "-l", mount], check=False)
         shutil.rmtree(folder, ignore_errors=True)
+
+
+@contextlib.contextmanager
+def own_dockerd(*options: str) -> Iterator[Dockerd]:
+    """A daemon for one test, with more words on its command line."""
+    if why := Dockerd.missing():
+        no_docker(why)
+    daemon = Dockerd(Path(subprocess.check_output(["mktemp", "-d", "/tmp/rorg-dockerd.XXXXXX"], text=True).strip()))
+    daemon.options = options
+    try:
+        daemon.start()
+        import_base(daemon.host)
+        yield daemon
+    finally:
+        daemon.close()
 
 
 def end_what_outlived(folder: Path) -> None:

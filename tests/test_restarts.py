@@ -71,7 +71,7 @@ def test_an_engine_whose_clock_is_behind_restarts_once(robot):
     robot.settle()
     later(robot, 5)
     engine, clock = robot.sim.engine, robot.sim.engine.clock
-    engine.clock = lambda: clock() - 3600
+    engine.wall = lambda: clock() - 3600
     ask(robot, "arm")
     robot.wait(lambda: starts(robot, "arm") == 2)
     later(robot, 30)

@@ -85,6 +85,9 @@ class Container:
     """The label rorg.io/joined: JSON, services it is joined to -> id of the container."""
     created_at: str = ""
     """When it was created, in the form of started_at."""
+    start_number: int = 0
+    """Which of the starts that this rorg has seen began its last run; 0 if it was there before. Times do not tell that:
+    the clock may have been set between two starts."""
     live: Mapping[str, Any] = field(default_factory=dict)
     """Present values of the options that the engine can change in place."""
     pid: int = 0
@@ -168,8 +171,8 @@ class Observed:
     )
 
     def by_service(self) -> dict[str, list[Container]]:
-        """Return the containers of each service, alive ones first, then the last started. Containers whose label names
-        no service are left out. The result is cached, because a pass asks often."""
+        """Return the containers of each service, alive ones first, then the last started one. Containers whose label
+        names no service are left out. The result is cached, because a pass asks often."""
         if self._by_service is None:
             object.__setattr__(self, "_by_service", _sorted(self.containers))
         return self._by_service  # type: ignore[return-value]
@@ -215,10 +218,28 @@ class Observed:
 
 def _sorted(containers: Iterable[Container]) -> dict[str, list[Container]]:
     by_service: dict[str, list[Container]] = {}
-    for container in sorted(containers, key=lambda c: (c.alive, c.started_at, c.id), reverse=True):
+    for container in containers:
         if container.service:
             by_service.setdefault(container.service, []).append(container)
-    return by_service
+    return {name: own if len(own) == 1 else _last_started_first(own) for name, own in by_service.items()}
+
+
+def _last_started_first(containers: list[Container]) -> list[Container]:
+    """Sort the containers of a service. If this rorg has not seen the starts, a container that replaces another one
+    started after it. Times only put containers in order that do not replace each other."""
+    known = {c.id: c for c in containers}
+
+    def generation(container: Container) -> int:
+        number = 0
+        while (previous := known.get(container.previous)) is not None and number < len(known):
+            container, number = previous, number + 1
+        return number
+
+    return sorted(
+        containers,
+        key=lambda c: (c.alive, c.started_at != "", c.start_number, generation(c), c.started_at, c.id),
+        reverse=True,
+    )
 
 
 @dataclass(frozen=True, slots=True)

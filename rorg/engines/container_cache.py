@@ -41,6 +41,9 @@ class ContainerCache:
         """When, by the loop's clock, the last look began that the engine answered promptly."""
         self._acting: dict[str, list[str]] = {}
         """Containers with a call under way, with the states in events about them meanwhile."""
+        self._starts = itertools.count(1)
+        self._listed = False
+        """Whether the containers that were there before this rorg are known."""
         self._snapshot = Observed(complete=False)
         self._changed = False
         """The cache is ahead of the snapshot, which is made on demand."""
@@ -60,7 +63,7 @@ class ContainerCache:
             if inspection is None:
                 self._containers.pop(container, None)
             else:
-                self._containers[container] = inspection
+                inspection = self._containers[container] = self._numbered(inspection)
             self._note([container] if inspection else [], look)
             if old != inspection:
                 self._publish(self._snapshot.complete, self._snapshot.error)
@@ -76,7 +79,8 @@ class ContainerCache:
         containers = {c.id: c for c in listed}
         with self._lock:
             self._note([c for c, new in containers.items() if not new.brief and new is not before.get(c)], look)
-            containers = {c: self._merged(new, before) for c, new in containers.items()}
+            containers = {c: self._numbered(self._merged(new, before)) for c, new in containers.items()}
+            self._listed = True
             later = {c: number for c, number in self._shown.items() if number > look.number}
             for container in later:
                 containers.pop(container, None)
@@ -174,6 +178,15 @@ class ContainerCache:
         if known is None or not container.brief:
             return container
         return replace(known, state=container.state) if known.alive and container.alive else known
+
+    def _numbered(self, container: Container) -> Container:
+        """Number a run that began after the first list."""
+        known = self._containers.get(container.id)
+        if known is not None and (known.brief or known.started_at == container.started_at):
+            number = known.start_number
+        else:
+            number = next(self._starts) if self._listed and (container.started_at or container.brief) else 0
+        return container if container.start_number == number else replace(container, start_number=number)
 
     def _publish(self, complete: bool, error: str) -> None:
         """Publish a change. As long as the engine is silent the snapshot stays incomplete."""

@@ -26,9 +26,9 @@ TIMES = frozenset(
     )
 )
 """Fields with a time of the loop's clock."""
-LEFT_OUT = frozenset(("admitted", "prediction", "pressure", "crashes", "stopped"))
-"""Fields of the memory that follow from others, that no world of the alphabet changes, or that are only told. `stopped`
-is added apart, without containers that are gone."""
+LEFT_OUT = frozenset(("admitted", "prediction", "pressure", "crashes", "stopped", "start_number"))
+"""Fields that follow from others, that no world of the alphabet changes, or that are only told. `stopped` is added
+apart, without containers that are gone, and of `start_number` the order."""
 MARK = re.compile(
     r"(000000[0-9a-f]{6})(?:0{52})?(?:@(\d{4}-\d\d-\d\dT[\d:.]+Z)?)?|(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(?:\.\d+)?Z)"
 )
@@ -84,6 +84,7 @@ def text_of(robot: WorldRobot, manifests: object) -> str:
         manifests,
         round(now % 1.0, 4),
         plain(engine.containers, now),
+        [c.id for c in sorted(engine.containers.values(), key=lambda c: c.start_number) if c.start_number],
         plain([memory.progress, memory.in_flight, memory.leases, memory.restarts, memory.asked], now),
         [sorted(memory.kept.former), plain(stopped, now)],
         plain(robot.document, now),

@@ -129,7 +129,8 @@ def bounce(robot: WorldRobot, name: str) -> bool:
     engine = robot.engine
     active = [c for c in engine.containers.values() if c.service == name and c.state == "running"]
     for container in active:
-        engine.containers[container.id] = replace(container, started_at=iso(engine.clock()))
+        engine.starts += 1
+        engine.containers[container.id] = replace(container, started_at=iso(engine.wall()), start_number=engine.starts)
         engine.calls.append((engine.clock(), "start", name))
     return any(c.digest not in robot.faults.bad for c in active)
 

@@ -75,7 +75,7 @@ class WorldRobot(Reader):
         for name in ("containers", "calls", "objects", "_output", "_run_from", "_joined", "_ran"):
             setattr(engine, name, getattr(self.engine, name).copy())
         engine._ids, engine.faults = Ids(self.engine._ids.last), other.faults
-        engine.clock = lambda: other.now + other.clock_set
+        engine.clock, engine.wall = lambda: other.now, lambda: other.now + other.clock_set
         other._events = [(t, n, partial(getattr(other, do.func.__name__), *do.args)) for t, n, do in self._events]
         return other
 

@@ -61,7 +61,7 @@ class Reader(SimRobot):
 
     def __init__(self, catalog: Catalog, owner: str = "sim") -> None:
         super().__init__(catalog, owner)
-        self.engine = WatchedEngine(owner, lambda: self.now + self.clock_set, self.faults)
+        self.engine = WatchedEngine(owner, lambda: self.now, self.faults, lambda: self.now + self.clock_set)
 
     def inputs(self) -> Inputs:
         found, asked = super().inputs(), self.decision.to_look if self.cache else {}

@@ -25,6 +25,7 @@ from rorg.model.options import LIVE
 from rorg.model.units import stamp
 from rorg.tools.sim.calls import LATENCY, UNSUPPORTED, Faults
 
+Clock = Callable[[], float]
 EPOCH = datetime(2026, 1, 1, tzinfo=UTC).timestamp()
 
 
@@ -41,8 +42,9 @@ class SimEngine:
     local, address = False, ""
     """Containers of this engine use nothing of this machine."""
 
-    def __init__(self, owner: str, clock: Callable[[], float], faults: Faults | None = None) -> None:
-        self.owner, self.clock, self.faults = owner, clock, faults or Faults()
+    def __init__(self, owner: str, clock: Clock, faults: Faults | None = None, wall: Clock | None = None) -> None:
+        """`clock` is virtual time, in seconds; `wall` the machine's clock, which may be set."""
+        self.owner, self.clock, self.faults, self.wall = owner, clock, faults or Faults(), wall or clock
         self.containers: dict[str, Container] = {}
         self.foreign: set[str] = set()
         """Names taken by containers that do not belong to rorg."""
@@ -57,6 +59,8 @@ class SimEngine:
         self.objects: dict[str, FoundObject] = {}
         """Networks and volumes by key, including those that do not belong to rorg."""
         self._ids = (f"{n:012x}".ljust(64, "0") for n in itertools.count(1))
+        self.starts = 0
+        """Runs begun so far."""
         self._output: dict[str, bytes] = {}
         self._run_from: dict[str, int] = {}
         """Container -> where the output of its current run begins."""
@@ -113,15 +117,8 @@ class SimEngine:
         self._joined[container] = self._joins(name, spec)
         assert labels[LABEL_OWNER] == self.owner
         joins = {n: "" for n in spec.get("networks", {}) if subject("network", n) in self.objects}
-        self.containers[container] = Container(
-            container,
-            name,
-            state="created",
-            live=live,
-            created_at=iso(self.clock()),
-            networks=joins,
-            **from_labels(labels),
-        )
+        made = {"state": "created", "created_at": iso(self.wall()), **from_labels(labels)}
+        self.containers[container] = Container(container, name, live=live, networks=joins, **made)
         self._tell(container)
         return container
 
@@ -173,8 +170,9 @@ class SimEngine:
             raise EngineError(what, "no such program")
         if container in self.faults.spent:
             raise EngineError(what, f"task {container}: already exists", kind="spent")
-        started = iso(self.clock())
-        self._change("start", container, ("created", "exited"), state="running", started_at=started, exit_code=None)
+        run = {"started_at": iso(self.wall()), "start_number": self.starts + 1}
+        self._change("start", container, ("created", "exited"), state="running", exit_code=None, **run)
+        self.starts += 1
         self._ran[container] = 0.0, self.clock()
         self._run_from[container] = len(self._output.get(container, b""))
 

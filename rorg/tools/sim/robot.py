@@ -56,7 +56,7 @@ class SimRobot:
         self.faults = Faults()
         self.clock_set = 0.0
         """Seconds by which the machine's clock was changed."""
-        self.engine = SimEngine(owner, lambda: self.now + self.clock_set, self.faults)
+        self.engine = SimEngine(owner, lambda: self.now, self.faults, lambda: self.now + self.clock_set)
         self.owner = owner
         self.desired: Desired = desire(catalog)
         self.document = RequestsDocument()
@@ -131,8 +131,9 @@ class SimRobot:
 
     def reborn(self, memory: Memory) -> None:
         """A new rorg process takes over. Calls of the previous one are completed, but no one receives their
-        outcomes."""
+        outcomes. It has seen none of the starts."""
         self.life += 1
+        self.engine.containers = {c: replace(one, start_number=0) for c, one in self.engine.containers.items()}
         self.memory, self.cache = memory, None
 
     def _finish(self, action: Action, life: int) -> None:
@@ -280,7 +281,7 @@ class SimRobot:
 
     def states(self) -> dict[str, str]:
         """Service -> state of its container."""
-        return {c.service: c.state for c in sorted(self.engine.list(), key=lambda c: (c.alive, c.started_at))}
+        return {name: own[0].state for name, own in Observed(tuple(self.engine.list())).by_service().items()}
 
     def active(self) -> set[str]:
         return {c.service for c in self.engine.list() if c.state == "running"}
