@@ -117,8 +117,8 @@ class SimEngine:
         self._joined[container] = self._joins(name, spec)
         assert labels[LABEL_OWNER] == self.owner
         joins = {n: "" for n in spec.get("networks", {}) if subject("network", n) in self.objects}
-        made = {"state": "created", "created_at": iso(self.wall()), **from_labels(labels)}
-        self.containers[container] = Container(container, name, live=live, networks=joins, **made)
+        made = Container(container, name, state="created", live=live, networks=joins, **from_labels(labels))
+        self.containers[container] = replace(made, created_at=iso(self.wall()))
         self._tell(container)
         return container
 
