@@ -19,13 +19,15 @@ from conftest import BASE_IMAGE, wait_for
 from rorg.api.server import make_server
 from rorg.client import Client
 from rorg.core.decide import Decision
+from rorg.core.holds import Moment, begin_hold
 from rorg.core.memory import Memory
 from rorg.daemon.saved_memory import remembered, saved_progress
 from rorg.daemon.wiring import make_loop
 from rorg.engines.make import make_engine
+from rorg.host.clock import moment
 from rorg.host.load import Meter
 from rorg.manifest.load import load_or_raise
-from rorg.model.catalog import Hold, Request
+from rorg.model.catalog import Request
 from rorg.store.requests_file import RequestsFile
 from rorg.store.state_dir import StateDir, read_json
 from rorg.tools.sim.robot import SimRobot
@@ -73,10 +75,11 @@ def write_tree(root: Path, services: dict[str, dict], **kinds: dict[str, dict]) 
     return root
 
 
-def handed_on(decision: Decision) -> Memory:
-    """What the next rorg knows of a decision."""
-    texts = json.dumps({name: saved_progress(step, 0.0) for name, step in decision.memory.progress.items()})
-    return remembered(json.loads(texts), decision.situation.now, 0.0, 0.0)
+def handed_on(decision: Decision, boot: str = "", rebooted: bool = False) -> Memory:
+    """What the next rorg knows of a decision that was made in this boot."""
+    memory, now = decision.memory, decision.situation.now
+    saved = {name: saved_progress(step, memory.restarts.get(name), boot) for name, step in memory.progress.items()}
+    return remembered(json.loads(json.dumps(saved)), 0.0 if rebooted else now, "next" if rebooted else boot)
 
 
 class VirtualRobot:
@@ -108,13 +111,16 @@ class VirtualRobot:
         return self.container(service).incarnation
 
     def hold(self, service: str, seconds: float, reason: str = "") -> None:
-        self.change(lambda asked: replace(asked, holds={service: Hold(self.wall() + seconds, reason)}))
+        self.change(lambda asked: replace(asked, holds={service: begin_hold(self.moment(), seconds, reason)}))
 
     def suspend(self, seconds: float, reason: str = "") -> None:
-        self.change(lambda asked: replace(asked, suspended=Hold(self.wall() + seconds, reason)))
+        self.change(lambda asked: replace(asked, suspended=begin_hold(self.moment(), seconds, reason)))
 
     def wall(self) -> float:
         return self.sim.wall
+
+    def moment(self) -> Moment:
+        return self.sim.moment
 
     def waits(self, service: str) -> str:
         """Why it waits, as the last pass said it."""
@@ -232,6 +238,9 @@ class RealRobot(VirtualRobot):
 
     def wall(self) -> float:
         return time.time()
+
+    def moment(self) -> Moment:
+        return moment()
 
     def status(self) -> dict:
         """What the loop published last."""

@@ -4,11 +4,17 @@ it."""
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import pytest
 from dockerd import own_dockerd
-from robots import RealRobot, VirtualRobot
+from robots import RealRobot, VirtualRobot, handed_on
 from test_updates import failed, later, running
+
+from rorg.core.holds import Moment, adjusted, begin_hold, seconds_left
+from rorg.model.catalog import Hold
+from rorg.store.requests_document import RequestsDocument
+from rorg.store.requests_parser import parse, render
 
 STEPS = (-50 * 365 * 86400.0, -3600.0, -20.0, 20.0, 3600.0, 50 * 365 * 86400.0)
 """Seconds by which the clock is set."""
@@ -90,3 +96,69 @@ def change_well(robot: RealRobot) -> None:
         assert not failed(robot, "arm")
     finally:
         robot.close()
+
+
+# -- holds and suspensions -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seconds", STEPS)
+@pytest.mark.parametrize("again", ["", "rorg", "machine"], ids=["", "rorg begins again", "the machine boots"])
+def test_a_hold_lasts_as_long_as_was_asked_for(virtual, seconds, again):
+    virtual.declare({"arm": {"always_on": True}})
+    virtual.settle()
+    virtual.hold("arm", 100)
+    virtual.wait(lambda: virtual.active() == set(), 10)
+    virtual.sim.clock_set = seconds
+    if again:
+        if again == "machine":
+            virtual.sim.boot = "next"
+        virtual.sim.reborn(handed_on(virtual.sim.decision, rebooted=again == "machine"))
+        virtual.change(lambda asked: replace(asked, holds={"arm": adjusted(asked.holds["arm"], virtual.moment())}))
+    if again == "machine" and seconds > 0:
+        pytest.skip("it cannot be told from a machine that was off for so long")
+    later(virtual, 85)
+    assert virtual.active() == set()
+    later(virtual, 20)
+    assert virtual.active() == {"arm"}
+
+
+def test_a_hold_that_began_in_1970_lasts_after_a_reboot():
+    held = begin_hold(Moment(60.0, 60.0, "first"), 5.0)
+    assert seconds_left(held, Moment(1.8e9, 20.0, "second")) == 5.0
+    now = adjusted(held, Moment(1.8e9, 20.0, "second"))
+    assert (now.until, now.uptime, now.boot) == (1.8e9 + 5.0, 25.0, "second")
+    assert seconds_left(now, Moment(0.0, 26.0, "second")) == -1.0
+
+
+def test_what_a_person_writes_by_hand_ends_by_the_clock():
+    held = Hold(1000.0, "until noon")
+    assert seconds_left(held, Moment(990.0, 5.0, "any")) == 10.0
+    assert adjusted(held, Moment(9.0, 5.0, "any")) is held
+
+
+def test_a_hold_is_read_as_it_was_written():
+    held = begin_hold(Moment(1.75e9, 12.25, "5e0c"), 90.0, "the arm is open")
+    document = RequestsDocument(holds={"arm": held}, suspended=replace(held, reason=""))
+    assert parse(render(document), "requests.yaml") == (document, [])
+    for bad in ("{until: 2026-01-01T00:00:00Z, duration: long}", "{until: 2026-01-01T00:00:00Z, uptime: 5, more: 1}"):
+        assert parse(f"holds: {{arm: {bad}}}\n", "requests.yaml")[1]
+
+
+def test_a_hold_whose_end_is_wrong_by_the_clock_is_put_right_in_the_file(tmp_path):
+    """As if it had been made in 2076, and NTP had set the clock then."""
+    robot = RealRobot(tmp_path, "process", None)
+    robot.declare({"arm": {"always_on": True}})
+    robot.wait(lambda: running(robot, "arm"))
+    held = begin_hold(robot.moment(), 4.0)
+    robot.change(lambda asked: replace(asked, holds={"arm": replace(held, until=held.until + 50 * 365 * 86400.0)}))
+    robot.wait(lambda: not running(robot, "arm"), 3)
+    robot.wait(lambda: abs(until(robot) - held.until) < 1, 3)
+    robot.wait(lambda: running(robot, "arm"), 20)
+    assert robot.moment().uptime >= held.uptime
+    robot.close()
+
+
+def until(robot: RealRobot) -> float:
+    """When the hold of the arm ends, by the file."""
+    robot.file.read()
+    return robot.file.document.holds["arm"].until

@@ -89,7 +89,7 @@ def test_whatever_was_kept_an_rorg_begins(virtual, kept):
     virtual.declare({"arm": {"always_on": True, "needs": [{"service": "core", "restart": True}]}, "core": {}})
     virtual.settle()
     before = virtual.container("arm").incarnation
-    virtual.sim.memory = remembered({"arm": kept}, virtual.now(), 0.0, 0.0)
+    virtual.sim.memory = remembered({"arm": kept}, virtual.now(), "")
     later(virtual, 5)
     assert virtual.container("arm").incarnation == before
     snapshot(virtual.sim.decision, {})

@@ -23,13 +23,14 @@ from hypothesis import HealthCheck, Phase, given, reject, settings
 from hypothesis import strategies as st
 from robots import VirtualRobot, handed_on, write_tree
 
+from rorg.core.holds import begin_hold
 from rorg.core.objects import found_object
 from rorg.core.observed import Container
 from rorg.core.requests import problems
 from rorg.daemon.snapshot import Snapshots, snapshot
 from rorg.errors import Invalid, RorgError
 from rorg.manifest.load import load_or_raise
-from rorg.model.catalog import Catalog, Hold, Request
+from rorg.model.catalog import Catalog, Request
 from rorg.model.learned import Departure, Learned
 from rorg.model.units import stamp
 from rorg.tools.sim.robot import SimRobot
@@ -183,6 +184,8 @@ VERBS = (
     "unplug",
     "plug",
     "plug_elsewhere",
+    "clock_back",
+    "clock_ahead",
 )
 EVENTS = st.lists(
     st.tuples(st.sampled_from(VERBS), st.sampled_from(NAMES), st.floats(0, 3, allow_nan=False)), max_size=16
@@ -213,6 +216,8 @@ CHANGES = st.lists(
                 "restart",
                 "retry",
                 "lock",
+                "clock_back",
+                "clock_ahead",
             ]
         ),
         st.sampled_from(NAMES[:2]),
@@ -413,6 +418,8 @@ def disturb(robot: SimRobot, verb: str, name: str, world: World) -> None:
         connect(robot, verb, "n" + name[1:] if name != "s2" else "n1", world)
     elif verb == "reborn":
         robot.reborn(handed_on(robot.decision))
+    elif verb in ("clock_back", "clock_ahead"):
+        robot.clock_set += 3600.0 if verb == "clock_ahead" else -3600.0
     elif verb in ("unplug", "plug", "plug_elsewhere"):
         replug(robot, verb)
     elif verb in ("hang", "slow", "refuse", "outage", "load", "unload", "lock", "unlock"):
@@ -442,9 +449,9 @@ def ask(robot: SimRobot, verb: str, name: str) -> None:
     elif verb == "release":
         robot.document = asked.without({("developer", name)})
     elif verb == "hold":
-        robot.document = replace(asked, holds={name: Hold(robot.wall + 4.0)})
+        robot.document = replace(asked, holds={name: begin_hold(robot.moment, 4.0)})
     elif verb == "suspend":
-        robot.document = replace(asked, suspended=Hold(robot.wall + 4.0))
+        robot.document = replace(asked, suspended=begin_hold(robot.moment, 4.0))
     elif verb == "retry":
         robot.document = replace(asked, retries={**asked.retries, name: stamp(robot.wall)})
     else:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from robots import VirtualRobot
+from robots import VirtualRobot, handed_on
 from test_giving_way import later
 
 from rorg.core.memory import Memory
@@ -14,7 +14,6 @@ from rorg.model.units import stamp
 from rorg.store.requests_document import RequestsDocument
 from rorg.store.requests_parser import parse, render
 from rorg.tools.sim.calls import UNSUPPORTED
-from rorg.tools.sim.engine import iso
 
 RESTART = {"needs": [{"service": "tf", "restart": True}]}
 
@@ -96,18 +95,19 @@ def test_a_clock_set_back_is_no_restart_of_a_need(robot, when):
 
 def test_a_clock_set_back_to_before_the_boot_hides_no_exit(robot):
     robot.declare({"job": {"restart": "never"}})
-    robot.sim.booted_at, robot.sim.clock_set = iso(-30), -600.0
+    robot.sim.clock_set = -600.0
     robot.sim.faults.crash_after["job"], robot.sim.faults.exit_code = 2.0, 0
     robot.request("job")
     later(robot, 60)
     assert starts(robot, "job") == 1
 
 
-def test_what_ended_with_the_machine_is_started_without_delay(robot):
+@pytest.mark.parametrize("code", [1, 137], ids=["ended", "killed, and nothing is remembered"])
+def test_what_ended_with_the_machine_is_started_without_delay(robot, code):
     robot.declare({"arm": {"always_on": True}})
     robot.settle()
-    robot.kill("arm")
-    robot.sim.memory, robot.sim.booted_at = Memory(), iso(robot.now() + 1)
+    robot.sim.engine.kill(robot.container("arm").id, code)
+    robot.sim.reborn(handed_on(robot.sim.decision, rebooted=True) if code == 1 else Memory())
     robot.wait(lambda: robot.active() == {"arm"}, 1)
     assert robot.sim.memory.of("arm").crashes == 0
 

@@ -10,7 +10,8 @@ import pytest
 
 from rorg.core.memory import NONE, Attempt, CountedOn, ProbeResult, Progress
 from rorg.core.observed import Container, Observed
-from rorg.core.transitions import Evidence, advanced, doubt_ends
+from rorg.core.transitions import REPEATED, Evidence, advanced, doubt_ends
+from rorg.core.update import Update
 from rorg.model.catalog import Service
 from rorg.model.probe import Probe
 
@@ -33,7 +34,7 @@ def base(state: str = "running", started: str = START, service: str = "base", **
 
 
 def after(progress: Progress, *seen: Container, service: Service = BASE, **more: Any) -> Progress:
-    evidence = {"wanted": True, "ready": None, "live": None, "busy": False, "now": NOW, "booted_at": BOOT, **more}
+    evidence = {"wanted": True, "ready": None, "live": None, "busy": False, "now": NOW, **more}
     return advanced(progress, service, Evidence(observed=Observed(seen), **evidence))
 
 
@@ -165,28 +166,55 @@ def test_each_exit_in_a_row_postpones_the_next_start_further(ended, why, exits, 
         ({"stopped": (RUN,)}, base("exited"), {}),
         ({"begun": {}}, base("exited", ""), {}),
         ({}, base("exited"), {"busy": True}),
-        ({}, base("exited", "2026-01-01T10:00:00Z"), {}),
         ({}, base("created"), {}),
         ({"counted_on": CountedOn(RUN)}, base("restarting"), {}),
     ],
-    ids=["counted", "stopped by rorg", "never started", "a call is under way", "the reboot", "created", "restarting"],
+    ids=["counted", "stopped by rorg", "never started", "a call is under way", "created", "restarting"],
 )
 def test_no_exit_is_counted_if_there_was_none_or_it_was_meant(known, seen, more):
     assert changes(replace(NONE, **known), seen, **more) == {}
 
 
-def test_a_run_that_rorg_knows_ended_on_its_own_although_the_clock_was_set():
-    ended = base("exited", "2026-01-01T10:00:00Z", exit_code=1)
-    assert changes(NONE, ended) == {}
-    for known in ({"incarnation": ended.incarnation}, {"begun": {}}):
-        assert after(replace(NONE, **known), ended).exits == 1
-    assert after(NONE, base("exited", BOOT)).exits == 1
+TRIED, PROVEN = Update(edition="now"), Update(edition="now", baked="now")
+
+
+@pytest.mark.parametrize(
+    ("known", "update", "code", "interrupted"),
+    [
+        ({}, TRIED, 137, 1),
+        ({}, TRIED, 143, 1),
+        ({}, TRIED, 1, 1),
+        ({}, PROVEN, 1, None),
+        ({"rebooted": True}, TRIED, 1, 1),
+        ({"rebooted": True, "incarnation": RUN}, TRIED, 137, None),
+        ({"incarnation": RUN}, TRIED, 137, None),
+        ({"begun": {}}, TRIED, 137, None),
+        ({}, PROVEN, 137, 0),
+        ({}, replace(TRIED, interrupted=REPEATED - 1), 137, REPEATED),
+        ({}, replace(TRIED, interrupted=REPEATED), 137, None),
+        ({"rebooted": True}, replace(TRIED, interrupted=REPEATED), 1, None),
+        ({}, replace(PROVEN, interrupted=REPEATED), 137, REPEATED),
+    ],
+)
+def test_an_end_that_rorg_did_not_see_may_have_another_cause(known, update, code, interrupted):
+    """`interrupted` is how often that has been so since the edition is tried; None if the end counts."""
+    found = after(replace(NONE, update=update, **known), base("exited", exit_code=code))
+    assert (found.exits, RUN in found.stopped) == ((0, True) if interrupted is not None else (1, False))
+    assert found.update.interrupted == (update.interrupted if interrupted is None else interrupted)
+
+
+def test_want_of_memory_is_no_interruption_and_what_ends_for_good_is_over():
+    assert after(NONE, base("exited", exit_code=137, oom_killed=True)).exits == 1
+    once = Service("base", restart="never")
+    assert after(NONE, base("exited", exit_code=137), service=once).exits == 1
+    again = replace(NONE, rebooted=True)
+    assert after(again, base("exited", exit_code=137), service=once).exits == 0, "it ran when the machine went down"
 
 
 def test_who_shares_the_processes_of_another_container_ends_with_it():
     joined = Service("base", joins={"core": ("pid",), "net": ("network_mode",)})
     core, ended = base(service="core"), base("exited", exit_code=137)
-    assert after(NONE, ended, core, service=joined).exits == 1
+    assert after(replace(NONE, incarnation=RUN), ended, core, service=joined).exits == 1
     assert changes(NONE, ended, service=joined) == {"stopped": (RUN,)}
     assert changes(NONE, ended, base("exited", service="core"), service=joined) == {"stopped": (RUN,)}
     counted = replace(NONE, counted_on=CountedOn(RUN, {"core": "an earlier run"}))
@@ -233,7 +261,7 @@ def core(started: str, state: str = "running") -> Container:
     [
         (None, core(BOOT), f"cccccccccccc@{BOOT}"),
         (None, core(START), f"cccccccccccc@{START}"),
-        (None, core(NEXT_START), ""),
+        (None, core(NEXT_START), f"cccccccccccc@{NEXT_START}"),
         (None, core(BOOT, "exited"), f"cccccccccccc@{BOOT}"),
         ({"core": "x", "gone": "y"}, core(NEXT_START), "x"),
         (None, core("", "created"), None),

@@ -519,7 +519,7 @@ def test_a_container_of_an_older_rorg_is_taken_as_it_is(virtual):
     virtual.settle()
     run = virtual.container("nav").incarnation
     catalog = virtual.sim.desired.catalog
-    virtual.sim.reborn(remembered({"nav": {"run": "", "needs": {}, "stopped": ""}}, 0.0, 0.0, 0.0))
+    virtual.sim.reborn(remembered({"nav": {"run": "", "needs": {}, "stopped": ""}}, 0.0, ""))
     virtual.sim.desired = desire(catalog, contents={"nav": {"services/nav": "1"}})
     later(virtual, 5)
     assert virtual.container("nav").incarnation == run

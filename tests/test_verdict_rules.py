@@ -62,7 +62,7 @@ def changes(
 ) -> dict[str, Any]:
     """The fields that differ after the judgement. A look at each container began at `looked`."""
     observed = Observed(seen, looked={c.id: looked for c in seen})
-    facts = {"wanted": True, "ready": None, "live": None, "busy": False, "now": NOW, "booted_at": "", **more}
+    facts = {"wanted": True, "ready": None, "live": None, "busy": False, "now": NOW, **more}
     desired = desired_of(service, **({} if sets is None else {"sets": sets}))
     found = judged(progress, service, desired, Evidence(observed=observed, **facts))
     values = {f.name: getattr(found, f.name) for f in fields(found)}
@@ -160,7 +160,6 @@ def test_a_run_that_has_not_read_a_file_says_nothing_about_it():
         live=None,
         busy=False,
         now=NOW,
-        booted_at="",
     )
     for on_change, baked in (("restart", ""), ("SIGHUP", ""), ("none", "now")):
         service = replace(BASE, on_change=on_change)

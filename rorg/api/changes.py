@@ -12,9 +12,10 @@ from pydantic import Field
 from rorg.api.current import Current
 from rorg.api.inputs import Body, Force, ServiceName, Short, seconds_of
 from rorg.core.affected import Affected, by_hold, by_release, by_restart
+from rorg.core.holds import Moment, begin_hold, seconds_left
 from rorg.core.requests import MOST_TOLD, Problem, mistakes, problems
 from rorg.errors import Invalid, Refused, Unconfirmed
-from rorg.model.catalog import Hold, Request
+from rorg.model.catalog import Request
 from rorg.model.units import format_seconds, stamp
 from rorg.store.requests_document import RequestsDocument
 from rorg.store.requests_limits import no_room
@@ -112,8 +113,8 @@ class RetryBody(Body):
     force: Force = False
 
 
-def retry(current: Current, body: RetryBody, now: float) -> Change:
-    """Asks at `now`, in seconds since the epoch, to retry failed changes of services and groups; with a service, those
+def retry(current: Current, body: RetryBody, now: Moment) -> Change:
+    """Asks at `now` to retry failed changes of services and groups; with a service, those
     of its set that keep it from its own change. Raises Missing; Refused for a name without a failed change;
     Unconfirmed, without `force`, if it replaces a driver or restarts other services."""
     desired, memory = current.decision.situation.desired, current.decision.memory
@@ -129,7 +130,7 @@ def retry(current: Current, body: RetryBody, now: float) -> Change:
         _ask(f"retry {', '.join(body.services)}", by_restart(current.decision.situation, memory, names))
 
     def edit(document: RequestsDocument) -> RequestsDocument:
-        return replace(document, retries={**document.retries, **dict.fromkeys(names, stamp(now))})
+        return replace(document, retries={**document.retries, **dict.fromkeys(names, stamp(now.wall))})
 
     return _about(Change(edit, "retry", f"another try of {', '.join(names)}", names))
 
@@ -145,10 +146,9 @@ class HoldsBody(Body):
     force: Force = False
 
 
-def hold(current: Current, body: HoldsBody, now: float) -> Change:
-    """Holds services and groups, all of them or none, from `now` (seconds since the epoch); without a duration, ends
-    their holds. Raises Missing; Invalid for what has no container; Unconfirmed, without `force`, if it stops a driver
-    or other services."""
+def hold(current: Current, body: HoldsBody, now: Moment) -> Change:
+    """Holds services and groups, all of them or none, from `now`; without a duration, ends their holds. Raises Missing;
+    Invalid for what has no container; Unconfirmed, without `force`, if it stops a driver or other services."""
     services: list[str] = []
     seconds = seconds_of(body.duration, "duration")
     for name in body.services:
@@ -162,17 +162,17 @@ def hold(current: Current, body: HoldsBody, now: float) -> Change:
         _ask(f"hold {', '.join(body.services)}", by_hold(current.decision.situation, current.decision.memory, names))
 
     def edit(document: RequestsDocument) -> RequestsDocument:
-        kept = {n: h for n, h in document.holds.items() if h.until > now and n not in names}
-        more = {} if seconds is None else dict.fromkeys(names, Hold(now + seconds, body.reason))
+        kept = {n: h for n, h in document.holds.items() if seconds_left(h, now) > 0 and n not in names}
+        more = {} if seconds is None else dict.fromkeys(names, begin_hold(now, seconds, body.reason))
         return replace(document, holds={**kept, **more})
 
     told = "no longer held" if seconds is None else f"held for {format_seconds(seconds)}: {body.reason}"
     return _about(Change(edit, "hold", f"{', '.join(names)} {told}", names))
 
 
-def suspend(seconds: float | None, reason: str, now: float) -> Change:
-    """Changes nothing for some seconds from `now` (seconds since the epoch); without `seconds`, ends that."""
-    asked = None if seconds is None else Hold(now + seconds, reason)
+def suspend(seconds: float | None, reason: str, now: Moment) -> Change:
+    """Changes nothing for some seconds from `now`; without `seconds`, ends that."""
+    asked = None if seconds is None else begin_hold(now, seconds, reason)
     told = "no longer suspended" if seconds is None else f"suspended for {format_seconds(seconds)}: {reason}"
     return Change(lambda document: replace(document, suspended=asked), "suspend", told)
 
@@ -225,8 +225,8 @@ class Operation(NamedTuple):
     words: str
     """For "cannot X"."""
     body: type[Body]
-    change: Callable[[Current, Any, float], Change]
-    """Of the current robot, the body, and the time in seconds since the epoch."""
+    change: Callable[[Current, Any, Moment], Change]
+    """Of the current robot, the body, and the present."""
     about: str
     """For the schema."""
 

@@ -16,6 +16,7 @@ from rorg.api.models import Held
 from rorg.api.operations import Operations
 from rorg.api.permissions import allow_restart
 from rorg.api.status_models import GitView
+from rorg.host.clock import moment
 
 
 def add_operating(app: FastAPI, operations: Operations) -> None:
@@ -52,7 +53,7 @@ def add_operating(app: FastAPI, operations: Operations) -> None:
 
 def _add_operation(app: FastAPI, operations: Operations, call: str, operation: changes.Operation) -> None:
     async def change(body: Any, caller: Who) -> Response:
-        return await applied(operations, caller, operation.change(operations.current, body, time.time()), True)
+        return await applied(operations, caller, operation.change(operations.current, body, moment()), True)
 
     change.__annotations__["body"] = operation.body
     method, path = call.split()
@@ -83,7 +84,7 @@ def _add_down(app: FastAPI, operations: Operations) -> None:
 
 def _add_holds(app: FastAPI, operations: Operations) -> None:
     async def held(caller: Who, body: changes.HoldsBody, named: bool = True) -> Response:
-        return await applied(operations, caller, changes.hold(operations.current, body, time.time()), named)
+        return await applied(operations, caller, changes.hold(operations.current, body, moment()), named)
 
     @app.put("/v1/holds/{name}", dependencies=[needs("hold")], response_model=Held)
     async def hold(name: str, body: HoldBody, caller: Who) -> Response:
@@ -100,9 +101,9 @@ def _add_holds(app: FastAPI, operations: Operations) -> None:
     async def suspend(body: SuspendBody, caller: Who) -> Response:
         """Change nothing for a time."""
         seconds = seconds_of(body.duration, "duration")
-        return await applied(operations, caller, changes.suspend(seconds, body.reason, time.time()))
+        return await applied(operations, caller, changes.suspend(seconds, body.reason, moment()))
 
     @app.delete("/v1/suspension", dependencies=[needs("suspend")], status_code=204, response_class=Response)
     async def unsuspend(caller: Who) -> Response:
         """End a suspension."""
-        return await applied(operations, caller, changes.suspend(None, "", time.time()))
+        return await applied(operations, caller, changes.suspend(None, "", moment()))

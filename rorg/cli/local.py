@@ -19,14 +19,13 @@ from rorg.engines.protocol import Engine, Objects
 from rorg.errors import Unreachable
 from rorg.history.database import reading
 from rorg.history.runs import Runs
-from rorg.host.clock import booted_at
+from rorg.host.clock import boot_id, moment
 from rorg.host.contents import Contents
 from rorg.host.devices import elsewhere, look
 from rorg.images.references import references_for
 from rorg.model.catalog import Catalog
 from rorg.model.devices import Device, Plugged
 from rorg.model.engines import capabilities_of
-from rorg.model.units import parse_time
 from rorg.probes.runner import ProbeRunner
 from rorg.store.last_good import read_kept
 from rorg.store.requests_document import RequestsDocument
@@ -58,7 +57,7 @@ def decision_for(place: Place, desired: Desired) -> Decision:
     engine = place.engine()
     objects = engine.find_objects(desired.keys) if isinstance(engine, Objects) else None
     containers = tuple(engine.list())
-    observed = Observed(containers, objects=objects, looked=dict.fromkeys((c.id for c in containers), 0.0))
+    observed = Observed(containers, objects=objects, looked=dict.fromkeys((c.id for c in containers), time.monotonic()))
     first = _look(place, desired, observed)
     return _look(place, desired, observed, _ready(place, first, desired))
 
@@ -75,7 +74,7 @@ def glance(place: Place, catalog: Catalog) -> Decision:
 
 def _look(place: Place, desired: Desired, observed: Observed, memory: Memory | None = None) -> Decision:
     """The decision of one pass, with the memory of the last rorg unless another is given."""
-    document = place.document()
+    document, present = place.document(), moment()
     if memory is None:
         memory = replace(_remembered(place), kept=read_kept(place.state.path))
     return decide(
@@ -84,14 +83,15 @@ def _look(place: Place, desired: Desired, observed: Observed, memory: Memory | N
             requests=document.requests,
             restarts=document.restarts,
             observed=observed,
-            results=unlocked(desired, 0.0),
+            results=unlocked(desired, present.uptime),
             memory=memory,
-            now=0.0,
+            now=present.uptime,
             owner=place.state.instance(),
             engine=capabilities_of(place.engine_name),
             holds=document.holds,
             suspended=document.suspended,
-            wall=time.time(),
+            wall=present.wall,
+            boot=present.boot,
             confirmed=document.removals,
             retries=document.retries,
             devices=devices(place, desired),
@@ -109,12 +109,12 @@ def devices(place: Place, desired: Desired) -> dict[Device, Plugged]:
 def _remembered(place: Place) -> Memory:
     """What the running rorg, or the last one, would pass on to the next one."""
     with reading(place.state.journal) as database:
-        return remembered(Runs(database).read(), 0.0, time.time(), parse_time(booted_at()))
+        return remembered(Runs(database).read(), time.monotonic(), boot_id())
 
 
 def _ready(place: Place, first: Decision, desired: Desired) -> Memory:
     """The memory with what is ready now, by asking each probe once: this process has not seen anything become ready."""
-    progress = dict(first.situation.memory.progress)
+    progress, now = dict(first.situation.memory.progress), first.situation.now
     containers = first.situation.observed.by_service()
     ask = ProbeRunner(place.engine(), lambda name: next(iter(containers.get(name, [])), None))
     for name, step in progress.items():
@@ -124,9 +124,9 @@ def _ready(place: Place, first: Decision, desired: Desired) -> Memory:
             continue
         if ready is not None and ready.completed:
             continue
-        parts = Target(ready, step.incarnation, 0.0).parts() if ready is not None and ready.delay is None else ()
+        parts = Target(ready, step.incarnation, now).parts() if ready is not None and ready.delay is None else ()
         if all(ask((name, "ready"), part).ok for part in parts):
-            progress[name] = replace(step, running_since=0.0, ready=True)
+            progress[name] = replace(step, running_since=now, ready=True)
     return Memory(progress, kept=first.memory.kept)
 
 

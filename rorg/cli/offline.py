@@ -22,7 +22,7 @@ from rorg.core.decide import Decision
 from rorg.core.status import Statuses
 from rorg.daemon.snapshot import request_json
 from rorg.errors import NotReady, RorgError
-from rorg.host.clock import wall_clock
+from rorg.host.clock import moment, wall_clock
 from rorg.model.graph import closure
 
 
@@ -67,12 +67,12 @@ class Local:
     def change(self, call: str, body: dict[str, Any], force: bool) -> list[str]:
         operation = changes.OPERATIONS[call]
         read_body = read(operation.body, {**body, "force": force})
-        return self._do(operation.change(self.current, read_body, time.time()))
+        return self._do(operation.change(self.current, read_body, moment()))
 
     def suspend(self, body: dict[str, Any] | None) -> None:
         asked = read(SuspendBody, body) if body else None
         seconds = seconds_of(asked.duration, "duration") if asked else None
-        self._do(changes.suspend(seconds, asked.reason if asked else "", time.time()))
+        self._do(changes.suspend(seconds, asked.reason if asked else "", moment()))
 
     def why(self, name: str) -> list[Any]:
         return views.why(self.looked, name)

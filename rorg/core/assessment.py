@@ -9,6 +9,7 @@ from dataclasses import dataclass, fields, replace
 from rorg.core.admission import Admission, admission_for, admit
 from rorg.core.devices import unplugged
 from rorg.core.eviction import Victims, evict
+from rorg.core.holds import seconds_left
 from rorg.core.inputs import Cache, Inputs
 from rorg.core.memory import Memory
 from rorg.core.prewarm import Prewarmed, prewarm
@@ -52,7 +53,7 @@ def assess(inputs: Inputs, cache: Cache | None, touched: Collection[str], withhe
         **surroundings,
         wanted=warm.wanted,
         urgent=last.urgent if last and last.wanted is wanted else urgent(inputs.desired.catalog, wanted),
-        restarts={n: due.run for n, due in (memory.restarts or {}).items()},
+        restarts={n: due.run for n, due in memory.restarts.items()},
         confirmed=frozenset(inputs.confirmed),
         preempted=admission.preempted,
         prewarmed=warm.names,
@@ -85,10 +86,10 @@ class _Assessment:
         self.holds = {
             name: _until("held", held)
             for name, held in inputs.holds.items()
-            if held.until > inputs.wall and name in services and services[name].spec is not None
+            if seconds_left(held, inputs.moment) > 0 and name in services and services[name].spec is not None
         }
         """Services held by a person -> the reason."""
-        self.suspended = _until("suspended", hold) if hold and hold.until > inputs.wall else ""
+        self.suspended = _until("suspended", hold) if hold and seconds_left(hold, inputs.moment) > 0 else ""
         self.unplugged = unplugged(self.desired, inputs.devices)
         self.interlocks = _interlocks(inputs)
         excluded = self.excluded(last)
@@ -116,7 +117,6 @@ class _Assessment:
             observed=inputs.observed,
             results=inputs.results,
             now=inputs.now,
-            booted_at=inputs.booted_at,
             unplugged=self.unplugged,
         )
         tracked = track(cache.tracked if cache else None, facts, touched)

@@ -10,6 +10,7 @@ from rorg.core.assessment import assess
 from rorg.core.check import check
 from rorg.core.desired import Desired
 from rorg.core.dispatch import begin, forget, freed_at, select
+from rorg.core.holds import seconds_left
 from rorg.core.incremental import Planned, busy, update_plan
 from rorg.core.inputs import Cache, Inputs
 from rorg.core.memory import Memory, ProbeResult, ProbeResults
@@ -132,9 +133,9 @@ def _deadline(situation: Situation, due: Schedule, inputs: Inputs, look: float |
     now, memory = situation.now, situation.memory
     times = [at for at in (look, situation.peers.deadline) if at is not None]
     times += [lease.until for lease in memory.leases.values()]
-    ends = [h.until for h in (*inputs.holds.values(), inputs.suspended) if h is not None]
-    ends += [parse_time(asked) for asked in inputs.restarts.values()]
-    times += [now + (end - inputs.wall) for end in ends]
+    holds = (h for h in (*inputs.holds.values(), inputs.suspended) if h is not None)
+    times += [now + seconds_left(hold, inputs.moment) for hold in holds]
+    times += [now + (parse_time(asked) - inputs.wall) for asked in inputs.restarts.values()]
     times += [at for at in (freed_at(memory.in_flight, now), due.next(now)) if at is not None]
     return min((t for t in times if t > now), default=None)
 

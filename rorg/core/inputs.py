@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from rorg.core.dispatch import DispatchLimits
+from rorg.core.holds import Moment
 from rorg.core.incremental import Planned
 from rorg.core.memory import ProbeResults
 from rorg.core.schedule import Schedule
@@ -34,12 +35,13 @@ class Inputs(Surroundings):
     requests: tuple[Request, ...]
     restarts: Mapping[str, str]
     results: ProbeResults
-    booted_at: str = ""
     limits: DispatchLimits = DispatchLimits()
     holds: Mapping[str, Hold] = field(default_factory=dict)
     suspended: Hold | None = None
     wall: float = 0.0
     """Seconds since the epoch, for times that people gave."""
+    boot: str = ""
+    """Id of the machine's boot."""
     load: Load | None = None
     renewals: Mapping[tuple[str, str], int] = field(default_factory=dict)
     """Number of each request's last renewal; a new number starts its lease again."""
@@ -56,3 +58,8 @@ class Inputs(Surroundings):
     """The model learnt from requests before this loop began, which it extends; None turns prewarming off."""
     cache: Cache | None = None
     """From the last pass."""
+
+    @property
+    def moment(self) -> Moment:
+        """The present, by all clocks."""
+        return Moment(self.wall, self.now, self.boot)

@@ -160,6 +160,8 @@ class Progress:
     """Why the last attempt to set them failed."""
     begun_with: tuple[str, str] = ("", "")
     """(incarnation, digest of the ROS 2 parameters that it read when it started)."""
+    rebooted: bool = False
+    """The machine was booted since an earlier rorg wrote this. So what ran then has ended with it."""
     update: Update = Update()
 
     def with_stopped(self, run: str) -> Progress:
@@ -250,8 +252,8 @@ class Memory:
     """The admission of the last pass, to be reused."""
     asked: tuple[Request, ...] | None = None
     """The requests of the last pass; None before the first one."""
-    restarts: Mapping[str, Due] | None = None
-    """Requested restarts by service; None before the first complete observation."""
+    restarts: Mapping[str, Due] = field(default_factory=dict)
+    """Requested restarts by service. They outlive rorg, so that none is done twice."""
     kept: Kept = Kept()
     outage: bool | None = None
     """Whether the engine did not answer in the last pass, though it had before; None until it first answers."""

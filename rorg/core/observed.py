@@ -117,6 +117,11 @@ class Container:
         return self.state == "exited" or (self.state == "restarting" and self.exit_code is not None)
 
     @property
+    def killed(self) -> bool:
+        """Whether a signal from outside ended it, by its exit code: SIGKILL or SIGTERM, and not for want of memory."""
+        return self.exit_code in (137, 143) and not self.oom_killed
+
+    @property
     def active(self) -> bool:
         """Whether it uses the CPU, or may at any moment."""
         return self.state in ("running", "restarting")

@@ -202,14 +202,13 @@ def note_restarts(
     """Return which run each due restart must end, and the restarts that are done. `asked` says when each was requested,
     `wall` is the present time (both ISO 8601, UTC).
 
-    Runs are compared by incarnation, so a clock that is set or differs from the engine's restarts nothing twice. Times
-    decide only about restarts from before this rorg began.
+    Runs are compared by incarnation, so a clock that is set or differs from the engine's restarts nothing twice.
     """
     if not observed.complete:
         return memory, {}
-    known, due, done, begun = memory.restarts or {}, {}, {}, []
+    known, due, done, begun = memory.restarts, {}, {}, []
     for name, stamp in asked.items():
-        if stamp > wall:
+        if stamp > wall and name not in known:
             continue
         current = observed.current(name)
         if current and current.brief:
@@ -218,9 +217,6 @@ def note_restarts(
         run = current.incarnation if current else ""
         if name in known and known[name].stamp == stamp:
             due[name] = known[name]
-        elif memory.restarts is None and current and current.started_at >= stamp:
-            done[name] = stamp
-            continue
         else:
             due[name] = Due(stamp, run)
             begun.append(name)

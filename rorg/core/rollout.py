@@ -71,7 +71,7 @@ def renewed(progress: Progress, edition: str, now: float) -> Progress:
         return progress
     if not update.edition:
         return replace(progress, update=replace(update, edition=edition))
-    update = replace(update, edition=edition, since=now, broken="")
+    update = replace(update, edition=edition, since=now, broken="", interrupted=0)
     return replace(progress, exits=0, attempts={}, error="", update=update)
 
 

@@ -34,7 +34,6 @@ class Facts:
     observed: Observed
     results: ProbeResults
     now: float
-    booted_at: str
     unplugged: Collection[str]
 
     def evidence(self, name: str) -> Evidence:
@@ -46,7 +45,6 @@ class Facts:
             live=self.results.get((name, "live")),
             busy=name in self.memory.in_flight,
             now=self.now,
-            booted_at=self.booted_at,
             unplugged=name in self.unplugged,
             outage=bool(self.memory.outage),
         )
@@ -97,9 +95,8 @@ def _gone(facts: Facts, names: Iterable[str]) -> list[str]:
 
 def _comparable(before: Facts, now: Facts, touched: Collection[str]) -> bool:
     """Return whether everything that concerns all services is as it was."""
-    same = before.desired is now.desired and before.booted_at == now.booted_at
     elsewhere = {**before.observed.elsewhere, **now.observed.elsewhere}
-    return same and all(n in now.desired.digests or n in elsewhere for n in touched)
+    return before.desired is now.desired and all(n in now.desired.digests or n in elsewhere for n in touched)
 
 
 def renew_all(memory: Memory, desired: Desired, now: float) -> Memory:

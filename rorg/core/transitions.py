@@ -23,6 +23,8 @@ UNANSWERED: dict[str, Any] = {
     "denied": None,
 }
 """Fields of a run that no probe has answered for yet."""
+REPEATED = 2
+"""A trial that something else interrupts is repeated this often: its edition may be what takes the machine down."""
 MARGIN = 4.0
 """Seconds beyond the grace period that an engine takes to kill what ignores its stop signal."""
 
@@ -44,7 +46,6 @@ class Evidence:
     live: ProbeResult | None
     busy: bool
     now: float
-    booted_at: str
     unplugged: bool = False
     outage: bool = False
 
@@ -65,7 +66,7 @@ def advanced(progress: Progress, service: Service, evidence: Evidence) -> Progre
     progress = _doubt(progress, service, None if evidence.busy else current, now)
     if evidence.wanted and not evidence.busy:
         progress = _ended_with_another(progress, service, evidence)
-        progress = _exit(_excused(progress, service, current, evidence), current, now, evidence.booted_at)
+        progress = _exit(_excused(progress, service, current, evidence), current, now)
     progress = _ready(progress, service, evidence.ready, now)
     progress = _live(progress, service, evidence.live, now) if evidence.wanted and not evidence.busy else progress
     progress = _relied_on(progress, service, evidence.wanted, now)
@@ -120,8 +121,8 @@ def _ceased(progress: Progress, current: Container | None, now: float) -> Progre
 def _counted_on(progress: Progress, service: Service, current: Container | None, evidence: Evidence) -> CountedOn:
     """Note what a run relies on, once per need.
 
-    For a run that rorg began, these are the runs at that time (`begun`). For a run that rorg finds, the engine's start
-    times decide: a service starts after its needs. A need that is added later is taken as it is.
+    For a run that rorg began, these are the runs at that time (`begun`). For a run that rorg finds, they are the
+    present ones, because a new rorg must restart nothing on its own. A need that is added later is taken as it is.
     """
     known = progress.counted_on
     if current is None or not current.alive or current.brief:
@@ -133,9 +134,7 @@ def _counted_on(progress: Progress, service: Service, current: Container | None,
         container = evidence.observed.current(need)
         if need in needs or container is None or not container.started_at:
             continue
-        if first:
-            needs[need] = container.incarnation if container.started_at <= current.started_at else ""
-        elif container.alive:
+        if first or container.alive:
             needs[need] = container.incarnation
     return known if not first and needs == known.needs else CountedOn(current.incarnation, needs)
 
@@ -173,22 +172,39 @@ def _ended_with_another(progress: Progress, service: Service, evidence: Evidence
 
 
 def _excused(progress: Progress, service: Service, current: Container | None, evidence: Evidence) -> Progress:
-    """Blame no program for an end while the engine did not answer: a restart of Docker ends all of them. But what ends
-    for good is over, and must not run twice."""
-    if not evidence.outage or current is None or not current.ended or current.incarnation != progress.incarnation:
+    """Blame no program for an end that rorg did not see and that something else may have caused. But an edition that
+    ends like that again and again may be the cause."""
+    if current is None or not current.ended or current.incarnation in (progress.exited, *progress.stopped):
         return progress
-    return progress.with_stopped(current.incarnation) if service.restarts_after(current.exit_code) else progress
+    update = progress.update
+    proven = update.baked == update.edition
+    if not _interrupted(progress, service, current, evidence) or (update.interrupted >= REPEATED and not proven):
+        return progress
+    update = update if proven else replace(update, interrupted=update.interrupted + 1)
+    return replace(progress.with_stopped(current.incarnation), update=update)
 
 
-def _exit(progress: Progress, current: Container | None, now: float, booted_at: str) -> Progress:
+def _interrupted(progress: Progress, service: Service, current: Container, evidence: Evidence) -> bool:
+    """Return whether something else may have ended a run: the engine, which did not answer (a restart of Docker ends
+    all containers); a reboot; or, while no rorg ran, whatever killed the program. An edition that is still tried gets
+    another try however its run ended then, because programs handle SIGTERM in their own ways. What ends for good is
+    over, and must not run twice."""
+    again = service.restarts_after(current.exit_code)
+    if progress.incarnation == current.incarnation:
+        return evidence.outage and again
+    if progress.begun is not None:
+        return False  # this rorg began it
+    tried = progress.update.baked != progress.update.edition
+    return progress.rebooted or ((current.killed or tried) and again)
+
+
+def _exit(progress: Progress, current: Container | None, now: float) -> Progress:
     """Count an unexpected exit and postpone the next start."""
     if current is None or not current.ended or not current.started_at:
         return progress
     run = current.incarnation
     if run == progress.exited or run in progress.stopped:
         return progress
-    if current.started_at < booted_at and progress.incarnation != run and progress.begun is None:
-        return progress  # the machine's reboot ended it. If rorg saw or began this run, the clock was set instead.
     exits = progress.exits + 1
     why = "out of memory" if current.oom_killed else f"exit code {current.exit_code}"
     progress = replace(progress, exits=exits, crashes=progress.crashes + 1, exited=run)

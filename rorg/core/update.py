@@ -29,6 +29,8 @@ class Update:
     """When it was put there, by the loop's clock. A restart of rorg forgets that."""
     lifted: str = ""
     """When lifting the quarantine was last requested and done."""
+    interrupted: int = 0
+    """How often something else ended a run of the desired edition before it had stayed well."""
     proven: str = ""
     """Id of the container that passed its trial, while the previous one still exists."""
     baked: str = ""
@@ -65,8 +67,10 @@ class Update:
     def pardoned(self) -> Update:
         """Return the update with the desired edition free to be tried again. If it was proven once and failed later, it
         must be proven again."""
-        baked = "" if self.broken else self.baked
-        return replace(self, quarantined=self._others(), broken="", baked=baked, rejected="", failed_at=-inf)
+        baked, others = "" if self.broken else self.baked, self._others()
+        return replace(
+            self, quarantined=others, broken="", baked=baked, rejected="", failed_at=-inf, interrupted=0
+        )
 
     def _others(self) -> dict[str, str]:
         return {edition: why for edition, why in self.quarantined.items() if edition != self.edition}

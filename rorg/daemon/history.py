@@ -8,12 +8,12 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
-from rorg.core.changes import changed_keys
+from rorg.core.changes import changed_keys, differing
 from rorg.core.decide import Decision
 from rorg.core.desired import Desired
 from rorg.core.digest import canonical, declared_fields
 from rorg.core.masking import Masker
-from rorg.core.memory import Memory, Progress
+from rorg.core.memory import Due, Memory, Progress
 from rorg.core.plan import Plan
 from rorg.core.standing import FAILED, GOOD, Standing, standing
 from rorg.core.update import Update
@@ -53,20 +53,20 @@ class Historian:
         """The tree of the last pass."""
         self._images: Mapping[str, str] = {}
         self._progress: Mapping[str, Progress] = {}
+        self._restarts: Mapping[str, Due] = {}
         self._stale: set[str] = set()
         """Services whose newest state the disk has not taken yet."""
         self._requests: tuple[Request, ...] | None = None
 
-    def remembered(self, now: float, epoch: float, booted_at: float) -> Memory:
+    def remembered(self, now: float, boot: str) -> Memory:
         """What the previous rorg left for this one: see saved_memory.py."""
-        memory = remembered(self.runs.read(), now, epoch, booted_at)
-        self._progress = memory.progress
+        memory = remembered(self.runs.read(), now, boot)
+        self._progress, self._restarts = memory.progress, memory.restarts
         return memory
 
-    def note(self, decision: Decision, memory: Memory, tree: Tree, epoch: float) -> None:
-        """After a pass. `memory` is the one that it hands on; `epoch`: the time of day at which the loop's clock was at
-        0."""
-        self._note_runs(memory.progress, epoch)
+    def note(self, decision: Decision, memory: Memory, tree: Tree, boot: str) -> None:
+        """After a pass. `memory` is the one that it hands on; `boot` is the id of this boot."""
+        self._note_runs(memory, boot)
         settled = decision.settled.requests
         if settled is not self._requests:
             self._requests = settled
@@ -79,14 +79,17 @@ class Historian:
 
     # -- what outlives the loop --------------------------------------------------------------------------------
 
-    def _note_runs(self, progress: Mapping[str, Progress], epoch: float) -> None:
+    def _note_runs(self, memory: Memory, boot: str) -> None:
+        progress, due = memory.progress, memory.restarts
         gone = self._progress.keys() - progress.keys() if progress is not self._progress else set()
-        changed = changed_keys(self._progress, progress) | (self._stale & progress.keys())
+        changed = changed_keys(self._progress, progress) | self._stale | differing(self._restarts, due)
+        changed &= progress.keys()
         news = (v for name in changed for v in verdicts(name, progress[name].update))
         self.evidence.note((replace(v, reason=self.masker.text(v.reason)) for v in news), self.wall())
-        self._progress = progress
+        self._progress, self._restarts = progress, due
         if changed or gone:
-            texts = {name: self.masker.json(json.dumps(saved_progress(progress[name], epoch))) for name in changed}
+            saved = {name: saved_progress(progress[name], due.get(name), boot) for name in changed}
+            texts = {name: self.masker.json(json.dumps(known)) for name, known in saved.items()}
             self._stale = set() if self.runs.write(texts, gone) else changed
 
     # -- revisions ---------------------------------------------------------------------------------------------

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from rorg.core.decide import Decision
+from rorg.core.holds import Moment, adjusted
 from rorg.daemon.recorder import Recorder
 from rorg.errors import RorgError
 from rorg.model.catalog import Hold, Request
@@ -116,16 +117,28 @@ class Leases:
             )
 
         try:
-            self.file.change(edit)
-        except (RorgError, OSError) as error:
-            self.recorder.when_new("requests-not-written", str(error), "requests-not-written", str(error))
-            return
+            if not self._change(edit):
+                return
         finally:
             with self._lock:
                 self._ending -= dropped
         for request, why in settled.dropped:
             if request.key in dropped:
                 self._tell_dropped(request, why)
+
+    def follow_clock(self, now: Moment) -> None:
+        """Write down when holds end by a clock that was set, or after a reboot."""
+        if _at(self.file.document, now) is not self.file.document:
+            self._change(lambda document: _at(document, now))
+
+    def _change(self, edit: Callable[[RequestsDocument], RequestsDocument]) -> bool:
+        """Change the file; False, and an event, if that is not possible."""
+        try:
+            self.file.change(edit)
+        except (RorgError, OSError) as error:
+            self.recorder.when_new("requests-not-written", str(error), "requests-not-written", str(error))
+            return False
+        return True
 
     def _tell_dropped(self, request: Request, why: str) -> None:
         self.recorder.event(
@@ -135,6 +148,15 @@ class Leases:
             services=list(request.services),
             request=request.id,
         )
+
+
+def _at(document: RequestsDocument, now: Moment) -> RequestsDocument:
+    """Return the content with the ends of its holds by the present clock; the same object if they have not changed."""
+    held = [*document.holds.values(), *([document.suspended] if document.suspended else [])]
+    if all(adjusted(hold, now) is hold for hold in held):
+        return document
+    holds = {name: adjusted(hold, now) for name, hold in document.holds.items()}
+    return replace(document, holds=holds, suspended=document.suspended and adjusted(document.suspended, now))
 
 
 def _same(one: Request, other: Request) -> bool:

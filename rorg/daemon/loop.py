@@ -28,11 +28,10 @@ from rorg.daemon.workers import Workers
 from rorg.daemon.write_ahead import WriteAhead
 from rorg.engines.observe import Observer
 from rorg.engines.protocol import Engine
-from rorg.host.clock import booted_at
+from rorg.host.clock import boot_id
 from rorg.host.devices import DeviceWatch, elsewhere
 from rorg.host.load import Sampler
 from rorg.model.devices import Device, Plugged
-from rorg.model.units import parse_time
 from rorg.probes.prober import Prober
 from rorg.store.requests_document import RequestsDocument
 from rorg.store.state_dir import StateDir
@@ -83,14 +82,14 @@ class Loop:
     owner: str
     clock: Callable[[], float] = time.monotonic
     wall: Callable[[], float] = time.time
-    booted_at: str = field(default_factory=booted_at)
+    boot: str = field(default_factory=boot_id)
 
     def __post_init__(self) -> None:
         self.learner = Learner(self.state.path, self.recorder.journal, self.clock, self.wall())
         self.questions: dict[object, Mapping[str, float]] = {}
         """Services that clients ask about or wait for, each with the time (`clock`) since when the answers of its probe
         count. If there is no such answer the probe is asked again."""
-        memory = self.recorder.historian.remembered(self.clock(), self.epoch, parse_time(self.booted_at))
+        memory = self.recorder.historian.remembered(self.clock(), self.boot)
         self.recorder.begin(memory)
         self.written = WriteAhead(self.state, self.engine, self.recorder)
         self.reporter = Reporter(self.recorder, self.engine, self.clock, memory)
@@ -107,11 +106,6 @@ class Loop:
         """Called after every pass, and as soon as it has decided, for those who wait for something."""
         self.teardown = Teardown()
         self._stopping = False
-
-    @property
-    def epoch(self) -> float:
-        """The time of day at which the loop's clock was at 0."""
-        return self.wall() - self.clock()
 
     def wake(self) -> None:
         self.wakes.wake()
@@ -200,6 +194,7 @@ class Loop:
         inputs = self._inputs(document, renewals, asked)
         decision = decide(self.teardown.of(inputs) if document.down else inputs)
         self.leases.settle(decision, renewals)
+        self.leases.follow_clock(inputs.moment)
         self.machines.decided(decision, asked)
         self.written.write(self.running.memory.kept, decision)
         self.publisher.note(decision)
@@ -217,7 +212,7 @@ class Loop:
         self.ros.look(decision.situation)
         self.learner.note(decision.memory.prediction.learned)
         if not document.down:  # a robot that is down says nothing about its manifests
-            self.recorder.historian.note(decision, decision.memory, self.tree, self.epoch)
+            self.recorder.historian.note(decision, decision.memory, self.tree, self.boot)
             if self.tree.overtaken:
                 self.wakes.again()  # nothing is noted of it until it is read, and no event may follow
         self.tree.standing = self.recorder.historian.standing
@@ -243,13 +238,13 @@ class Loop:
             owner=self.owner,
             engine=self.engine.capabilities,
             removals=self.tree.removals,
-            booted_at=self.booted_at,
             limits=self.dispatch.allowing(
                 self.tree.desired.catalog.policy.bulk_workers or self.engine.capabilities.bulk
             ),
             holds=document.holds,
             suspended=document.suspended,
             wall=self.wall(),
+            boot=self.boot,
             load=self.sampler.latest,
             renewals=renewals,
             asked=asked,

@@ -1,5 +1,6 @@
-"""The part of the loop's memory that survives a restart, as JSON for each service. Times are of the day, in seconds
-since the epoch, because the loop's clock starts again with every boot."""
+"""The part of the loop's memory that survives a restart, as JSON for each service. Times are of the loop's clock, which
+starts again with every boot. Those of an earlier boot say nothing: nobody knows how long the machine was off, because
+its clock may have been set."""
 
 from __future__ import annotations
 
@@ -8,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from rorg.core.memory import CAP, MOST_STOPPED, Attempt, CountedOn, Memory, Progress
+from rorg.core.memory import CAP, MOST_STOPPED, Attempt, CountedOn, Due, Memory, Progress
 from rorg.core.update import Update
 from rorg.daemon.snapshot import run_json
 
@@ -16,12 +17,12 @@ TIMES = ("unwanted_since", "ceased_since")
 NEVER = float("inf")
 
 
-def saved_progress(step: Progress, epoch: float) -> dict[str, Any]:
-    """What to keep of a service; `epoch` is the time of day at which the loop's clock was at 0. Attempts that failed
-    because something is missing on this machine are left out: it may be there next time."""
-    times = {name: round(at + epoch, 3) for name in TIMES if (at := getattr(step, name)) is not None}
+def saved_progress(step: Progress, due: Due | None, boot: str) -> dict[str, Any]:
+    """What to keep of a service in this boot, with its requested restart. Attempts that failed because something is
+    missing on this machine are left out: it may be there next time."""
+    times = {name: round(at, 3) for name in TIMES if (at := getattr(step, name)) is not None}
     attempts = {
-        verb: [list(map(str, t.signature)), t.count, round(t.at + epoch, 3) if t.at else 0.0, t.error]
+        verb: [list(map(str, t.signature)), t.count, round(t.at, 3) if t.at else 0.0, t.error]
         for verb, t in step.attempts.items()
         if not t.missing
     }
@@ -34,22 +35,28 @@ def saved_progress(step: Progress, epoch: float) -> dict[str, Any]:
         "said": step.error,
         "tries": attempts,
         "begun_with": [*step.begun_with] if all(step.begun_with) else [],
+        "interrupted": step.update.interrupted,
+        "restart": [due.stamp, due.run] if due else [],
+        "boot": boot,
     }
     return {**run_json(step, NEVER), **times, **{key: value for key, value in more.items() if value}}
 
 
-def remembered(runs: Mapping[str, Any], now: float, epoch: float, booted_at: float) -> Memory:
-    """The memory that a loop begins with. `now` is its clock, `epoch` as above, `booted_at` the time of day of the
-    machine's boot. A time in the future counts as now, because the clock was set meanwhile; back-offs start again after
-    a boot. Malformed entries are ignored."""
-    return Memory({name: _progress(known, now, epoch, booted_at) for name, known in runs.items() if _sound(known)})
+def remembered(runs: Mapping[str, Any], now: float, boot: str) -> Memory:
+    """The memory that a loop begins with. `now` is its clock, and `boot` the id of this boot. What lasted in an earlier
+    boot begins now, and back-offs are over. Malformed entries are ignored."""
+    sound = {name: known for name, known in runs.items() if _sound(known)}
+    due = {name: Due(*pair) for name, known in sound.items() if any(pair := _pair(known.get("restart")))}
+    return Memory(
+        {name: _progress(known, now, known.get("boot") == boot) for name, known in sound.items()}, restarts=due
+    )
 
 
 def _sound(known: Any) -> bool:
     return isinstance(known, Mapping) and isinstance(known.get("needs"), Mapping)
 
 
-def _progress(known: Mapping[str, Any], now: float, epoch: float, booted_at: float) -> Progress:
+def _progress(known: Mapping[str, Any], now: float, same_boot: bool) -> Progress:
     said = defaultdict(str, {key: value for key, value in known.items() if isinstance(value, str)})
     update = Update(
         edition=said["edition"],
@@ -57,6 +64,7 @@ def _progress(known: Mapping[str, Any], now: float, epoch: float, booted_at: flo
         rejected=said["rejected"],
         broken=said["broken"],
         drawn=said["drawn"],
+        interrupted=_count(known.get("interrupted")),
         proven=said["proven"],
         baked=said["baked"],
         run=said["loaded"] if isinstance(known.get("content"), Mapping) else "",
@@ -71,11 +79,12 @@ def _progress(known: Mapping[str, Any], now: float, epoch: float, booted_at: flo
         hung=said["hung"],
         relied_on=said["relied_on"],
         begun_with=_pair(known.get("begun_with")),
-        unwanted_since=_past(known.get("unwanted_since"), now, epoch),
-        ceased_since=_past(known.get("ceased_since"), now, epoch),
+        unwanted_since=_past(known.get("unwanted_since"), now, same_boot),
+        ceased_since=_past(known.get("ceased_since"), now, same_boot),
+        rebooted=not same_boot,
     )
-    tries = _tries(known.get("tries"), now, epoch)
-    if any(t.at + epoch < booted_at for t in tries.values() if t.at) or not (tries or known.get("exits")):
+    tries = _tries(known.get("tries"), now)
+    if not same_boot or not (tries or known.get("exits")):
         return step
     return replace(step, exits=_count(known.get("exits")), error=said["said"], attempts=tries)
 
@@ -95,18 +104,18 @@ def _pair(known: Any) -> tuple[str, str]:
     return (_text(known[0]), _text(known[1])) if isinstance(known, list) and len(known) == 2 else ("", "")
 
 
-def _past(at: Any, now: float, epoch: float) -> float | None:
-    return min(now, float(at) - epoch) if isinstance(at, int | float) else None
+def _past(at: Any, now: float, same_boot: bool) -> float | None:
+    return (min(now, float(at)) if same_boot else now) if isinstance(at, int | float) else None
 
 
-def _tries(known: Any, now: float, epoch: float) -> dict[str, Attempt]:
+def _tries(known: Any, now: float) -> dict[str, Attempt]:
     attempts = {}
     for verb, said in known.items() if isinstance(known, Mapping) else ():
         if not (isinstance(said, list) and len(said) == 4 and isinstance(said[2], int | float)):
             continue
         signature, count, at, error = said
         if isinstance(signature, list):
-            due = min(now + CAP, float(at) - epoch) if at else 0.0
+            due = min(now + CAP, float(at)) if at else 0.0
             attempts[str(verb)] = Attempt(tuple(map(_text, signature)), _count(count), due, _text(error))
     return attempts
 

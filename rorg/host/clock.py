@@ -6,6 +6,7 @@ import os
 import time
 from pathlib import Path
 
+from rorg.core.holds import Moment
 from rorg.model.units import stamp
 
 
@@ -14,11 +15,9 @@ def wall_clock() -> str:
     return stamp(time.time())
 
 
-def booted_at() -> str:
-    """When this machine booted, ISO 8601 in UTC (btime of /proc/stat)."""
-    with open("/proc/stat", encoding="ascii") as file:
-        seconds = next(int(line.split()[1]) for line in file if line.startswith("btime "))
-    return stamp(seconds)
+def moment() -> Moment:
+    """The present, by all clocks of this machine."""
+    return Moment(time.time(), time.monotonic(), boot_id())
 
 
 def boot_id() -> str:

@@ -230,6 +230,11 @@ class Hold:
 
     until: float
     reason: str = ""
+    duration: float | None = None
+    """Seconds that it lasts; None if a person wrote only `until`."""
+    uptime: float = 0.0
+    """When it ends, by the machine's monotonic clock in the boot `boot`. This counts, because the clock may be set."""
+    boot: str = ""
 
 
 @dataclass(frozen=True, slots=True)

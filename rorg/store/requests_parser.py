@@ -12,7 +12,7 @@ import yaml
 from rorg.manifest.yaml_source import Document, Path, read_yaml
 from rorg.model.catalog import Hold, Request
 from rorg.model.diagnostics import Diagnostic, nearest
-from rorg.model.units import format_duration, parse_lease, parse_time, stamp
+from rorg.model.units import format_duration, parse_duration, parse_lease, parse_time, stamp
 from rorg.store.requests_document import RequestsDocument
 
 HEADER = """\
@@ -20,7 +20,8 @@ HEADER = """\
 # requests: id (chosen by the requester), requester, services, and optionally `incarnation` (the run of the requester
 # that it is bound to, which rorg fills in) and `ttl` (a lease, which a new time in `renewed` extends).
 # restarts, retries: when a restart of a service, or another try of its failed change, was requested.
-# holds: services that must not be active until a time. suspended: rorg changes nothing until then.
+# holds: services that must not be active until a time. suspended: rorg changes nothing until then. For both, rorg adds
+# the `duration`, and the end in seconds since the `boot`: it counts if the clock is set.
 # removals: undeclared services whose removal a person has confirmed, though something still names them.
 # down: true while everything is removed, despite all requests; then a time, until a person runs the robot again.
 """
@@ -40,6 +41,7 @@ def _text(dumper: yaml.SafeDumper, text: str) -> yaml.Node:
 
 _Dumper.add_representer(str, _text)
 _FIELDS = ("id", "requester", "services", "reason", "incarnation", "priority", "ttl", "renewed")
+_HOLD = {"until", "reason", "duration", "uptime", "boot"}
 _KEYS = ("requests", "restarts", "retries", "holds", "suspended", "removals", "down", "purge", "forget")
 
 
@@ -121,11 +123,18 @@ class _Reader:
         return tuple(dict.fromkeys(value))
 
     def hold(self, path: Path, value: Any) -> Hold | None:
-        if not isinstance(value, dict) or not {"until"} <= set(value) <= {"until", "reason"}:
+        if not isinstance(value, dict) or not {"until"} <= set(value) <= _HOLD:
             self.error(path, "must be a mapping with until and reason")
             return None
-        until = self.time((*path, "until"), value["until"])
-        return None if until is None else Hold(until, str(value.get("reason") or ""))
+        until, reason = self.time((*path, "until"), value["until"]), str(value.get("reason") or "")
+        if until is None or value.get("duration") is None:
+            return None if until is None else Hold(until, reason)
+        try:
+            duration, uptime = parse_duration(value["duration"]), parse_duration(value.get("uptime", 0))
+        except ValueError as error:
+            self.error(path, str(error))
+            return None
+        return Hold(until, reason, duration, uptime, str(value.get("boot") or ""))
 
     def time(self, path: Path, value: Any) -> float | None:
         try:
@@ -222,4 +231,8 @@ def _yaml(content: Any) -> str:
 
 
 def _hold(hold: Hold) -> dict[str, str]:
-    return {"until": stamp(hold.until), **({"reason": hold.reason} if hold.reason else {})}
+    reason = {"reason": hold.reason} if hold.reason else {}
+    if hold.duration is None:
+        return {"until": stamp(hold.until), **reason}
+    ends = {"duration": format_duration(hold.duration), "uptime": format_duration(hold.uptime), "boot": hold.boot}
+    return {"until": stamp(hold.until), **ends, **reason}

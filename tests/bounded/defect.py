@@ -29,6 +29,7 @@ PLAN, FRESH = "the plan keeps its rules", "a kept pass decides as a fresh one"
 READY, SERVED = "ready means ready", "all that is asked for and possible is ready"
 REST, EMPTY, BOUNDED = "it comes to rest", "the plan is empty twice", "it converges in bounded passes"
 RIVALS, TOGETHER = "nothing begins against rivals", "rivals never run together"
+TRIED = "nothing fails that was not tried"
 RULE, LEASES, KEPT = "the wanted follow the rule", "leases run out", "no request is lost or doubled"
 GOOD, SAME, BAKE = (
     "the good stay until the next is proven",

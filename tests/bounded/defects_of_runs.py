@@ -26,6 +26,7 @@ from bounded.defect import (
     SERVED,
     THEN,
     TOGETHER,
+    TRIED,
     Defect,
 )
 
@@ -94,6 +95,22 @@ DEFECTS_OF_RUNS = (
         "        if not container.started_at or container.state in",
         "        if container.started_at or container.state in",
         (GOOD, "a bad change leaves what ran", SERVED),
+    ),
+    Defect(
+        "times of the engine tell which container started last",
+        "core/observed.py",
+        'key=lambda c: (c.alive, c.started_at != "", c.start_number, generation(c), c.started_at, c.id),',
+        "key=lambda c: (c.alive, c.started_at, c.id),",
+        (REST, EMPTY, BOUNDED, "a bad change leaves what ran", SERVED, BAKE, TRIED),
+        path=(REQUEST, (("back",), 0.0), (("spoil", 0), 150.0)),
+    ),
+    Defect(
+        "times of the engine tell that an earlier rorg went back",
+        "core/rollout.py",
+        "    if old.alive and not new.alive and (new.started_at or new.error):\n",
+        "    if old.alive and not new.alive and old.started_at > new.created_at:\n",
+        (TRIED,),
+        path=(REQUEST, (("back",), 0.0), (("change", 0), 150.0)),
     ),
     Defect(
         "a bake ends at once",

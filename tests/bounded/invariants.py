@@ -12,7 +12,7 @@ from dataclasses import replace
 
 from bounded import actions, resting
 from bounded.registry import INVARIANTS, Invariant, Violation, at, check
-from bounded.watch import EXACT, Watch, lease_of
+from bounded.watch import EXACT, Watch, last_start, lease_of
 
 from rorg.core.admission import Admitted
 from rorg.core.decide import Decision, decide
@@ -21,8 +21,6 @@ from rorg.core.pressure import excess, helps
 from rorg.core.priorities import PROTECTED
 from rorg.daemon.snapshot import snapshot
 from rorg.model.graph import closure, conflicting, overbooked
-from rorg.model.units import parse_time
-from rorg.tools.sim.engine import EPOCH
 
 __all__ = ["INVARIANTS", "Invariant", "Violation", "Watch", "actions", "at", "check", "resting"]
 
@@ -91,6 +89,24 @@ def a_bake_ends_with_evidence(watch: Watch) -> None:
         assert robot.now >= over, f"{name} has not been well for its bake"
         assert read.observed.looked[run.id] >= over, f"nobody has looked at {name}"
         assert all((said := read.results[name, r]).ok and said.at >= over for r in asked), f"{name} was not asked"
+
+
+@at("pass")
+def nothing_fails_that_was_not_tried(watch: Watch) -> None:
+    """A change fails only after its container has run, or the engine has refused to start it."""
+    robot = watch.robot
+    for name, step in robot.memory.progress.items():
+        service, digest = watch.services.get(name), robot.desired.digests.get(name)
+        if (
+            service is None
+            or service.joins
+            or robot.desired.objects
+            or step.update.edition not in step.update.quarantined
+        ):
+            continue
+        made = [c for c in robot.read.observed.of(name) if c.digest == digest]
+        tried = any(c.started_at for c in made) or digest in robot.faults.bad
+        assert tried or not made, f"{name} failed without having run: {step.update.failed}"
 
 
 @at("pass")
@@ -202,8 +218,8 @@ def ready_means_ready(watch: Watch) -> None:
         if watch.ready.get(name) == step.incarnation:
             continue
         if service.ready and service.ready.delay is not None:
-            ran = EPOCH + robot.now + robot.clock_set - parse_time(current.started_at)
-            assert ran >= service.ready.delay - 0.01 or robot.clock_set, f"{name} is called ready after {ran} s"
+            ran = robot.now - last_start(watch, name)
+            assert ran >= service.ready.delay - 0.01, f"{name} is called ready after {ran} s"
         elif service.ready:
             said = read.results.get((name, "ready"))
             assert said is not None, f"{name} was not asked"

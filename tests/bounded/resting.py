@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from bounded.registry import at
-from bounded.watch import Watch, closure_of, namespaces
+from bounded.watch import Watch, closure_of, last_start, namespaces
 
 from rorg.core.admission import over_budget
 from rorg.core.decide import decide
@@ -146,8 +146,7 @@ def kept(known: list[Container]) -> bool:
     """The second one is what can be gone back to, if the first is ever wanted again and does not come up."""
     if len(known) != 2:
         return False
-    old, new = sorted(known, key=lambda c: (c.created_at, c.id))
-    return not new.active and not old.alive and new.previous == old.id
+    return any(not new.active and not old.alive and new.previous == old.id for new, old in (known, known[::-1]))
 
 
 @at("rest")
@@ -159,7 +158,8 @@ def what_is_joined_is_there(watch: Watch) -> None:
         for id in joined_of(run.joined).values():
             other = robot.engine.inspect(id)
             # Its restart may have to wait while admission is closed; the plan says so.
-            ended = id in namespaces(watch.services[name], run) and other and other.started_at > run.started_at
+            shared = id in namespaces(watch.services[name], run) and other
+            ended = shared and last_start(watch, other.service) > last_start(watch, name)
             whole = other is not None and other.active and not ended
             assert whole or name in waiting(watch), f"{name} is joined to {other or 'nothing'}"
 
@@ -168,11 +168,11 @@ def what_is_joined_is_there(watch: Watch) -> None:
 def runs_follow_those_that_they_count_on(watch: Watch) -> None:
     """What restarts with a need runs since that need began, or later."""
     for name in (watch.robot.active() & watch.services.keys()) - loops(watch) - waiting(watch):
-        run = next(c for c in all_of(watch, name) if c.active)
         for need in watch.services[name].restarts_with:
             other = next((c for c in all_of(watch, need) if c.active), None)
             if other and watch.robot.memory.of(name).counted_on.needs.get(need) != other.incarnation:
-                assert other.started_at <= run.started_at, f"{name} runs on though {need} was restarted"
+                later = last_start(watch, need) > last_start(watch, name)
+                assert not later, f"{name} runs on though {need} was restarted"
 
 
 @at("rest")

@@ -26,6 +26,8 @@ UNSEEN = 5.0
 STALE = 1.0
 """Seconds by which a view of all containers is old, and for which each event comes twice."""
 OUTAGE = 3.0
+CLOCK_SET = 3600.0
+"""Seconds by which the machine's clock is set."""
 Step = tuple
 Robot = tuple[WorldRobot, State]
 
@@ -37,7 +39,7 @@ def alphabet(world: World) -> list[Step]:
     found: list[Step] = [(verb, n) for n in range(count) for verb in (*single, *CALLS)]
     found += [("ask", a, b) for a in range(count) for b in range(count) if a != b]
     found += [("others", n) for n in range(count) if count > 2]
-    return [*found, ("stale",), ("twice",), ("reborn",), ("outage",)]
+    return [*found, ("stale",), ("twice",), ("reborn",), ("outage",), ("back",), ("ahead",)]
 
 
 def take(world: World, robot: WorldRobot, state: State, step: Step) -> State | None:
@@ -179,6 +181,12 @@ def reborn(robot: WorldRobot) -> bool:
     return True
 
 
+def set_clock(seconds: float, robot: WorldRobot) -> bool:
+    """The machine's clock is set."""
+    robot.clock_set += seconds
+    return True
+
+
 def outage(robot: WorldRobot) -> bool:
     """The engine restarts: every container of ours ends, and for a moment it answers nothing."""
     if robot.faults.unreachable:
@@ -206,5 +214,7 @@ DO: dict[str, Callable[..., bool]] = {
     "twice": twice,
     "reborn": reborn,
     "outage": outage,
+    "back": partial(set_clock, -CLOCK_SET),
+    "ahead": partial(set_clock, CLOCK_SET),
     **{mode: partial(spoil_call, mode) for mode in CALLS},
 }

@@ -273,3 +273,8 @@ def namespaces(service: Service, container: Container | None) -> list[str]:
 def closure_of(catalog: Catalog, names: set[str]) -> set[str]:
     """Those that need one of these."""
     return {n for n in catalog.services if names & closure(catalog.services, [n])}
+
+
+def last_start(watch: Watch, name: str) -> float:
+    """When a service was started last, by whomever. The engine's times do not tell: the clock may have been set."""
+    return max(at for at, verb, service in watch.robot.engine.calls if (verb, service) == ("start", name))

@@ -284,7 +284,7 @@ class History(Target):
             with contextlib.suppress(RorgError):
                 RequestLog(journal).between(*SPAN)
             UsageTable(database).since("")
-            remembered(Runs(database).read(), 0.0, 0.0, 0.0)
+            remembered(Runs(database).read(), 0.0, "")
             journal.append(wall(), "state", "one more", service="cam")
             assert journal.select(Filter(), 1, newest=True)[0]["message"] == "one more"
         finally:

@@ -11,6 +11,7 @@ from functools import partial
 from rorg.core.decide import Decision, decide
 from rorg.core.desired import Desired, desire
 from rorg.core.dispatch import DispatchLimits, Outcome, finish
+from rorg.core.holds import Moment
 from rorg.core.inputs import Cache, Inputs
 from rorg.core.memory import Memory, ProbeResult
 from rorg.core.observed import Container, FoundObjects, Observed
@@ -82,7 +83,7 @@ class SimRobot:
         self._told: Mapping[tuple[str, str], ProbeResult] = {}
         """Answers that the last pass received."""
         self.removals = True
-        self.booted_at = ""
+        self.boot = ""
         self.life = 0
         """How often a new rorg process took over."""
         self.log: list[tuple[float, str]] = []
@@ -96,6 +97,11 @@ class SimRobot:
     def wall(self) -> float:
         """The virtual time, in seconds since the epoch."""
         return EPOCH + self.now + self.clock_set
+
+    @property
+    def moment(self) -> Moment:
+        """The present, by all clocks."""
+        return Moment(self.wall, self.now, self.boot)
 
     def at(self, time: float, do: Callable[[], None]) -> None:
         heapq.heappush(self._events, (time, next(self._numbers), do))
@@ -177,11 +183,11 @@ class SimRobot:
             now=self.now,
             owner=self.owner,
             removals=self.removals,
-            booted_at=self.booted_at,
             limits=DispatchLimits().allowing(self.desired.catalog.policy.bulk_workers),
             holds=self.document.holds,
             suspended=self.document.suspended,
             wall=self.wall,
+            boot=self.boot,
             load=self._load(),
             renewals=self.renewals,
             confirmed=self.document.removals,
