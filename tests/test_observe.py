@@ -12,7 +12,7 @@ from conftest import wait_for
 
 from rorg.core.observed import Container
 from rorg.engines.observe import Observer
-from rorg.engines.process.table import MARK, await_program, boot_id, is_same, stat
+from rorg.engines.process.table import MARK, Run, await_program, boot_id, is_same, stat
 
 RUNNING, ENDED = (Container("c1", "camera", "camera", state) for state in ("running", "exited"))
 
@@ -74,9 +74,9 @@ def test_a_program_that_just_began_is_known_as_ours_and_hears_signals():
         await_program(child, "ours")
         facts = stat(child.pid)
         assert facts
-        assert is_same(child.pid, facts[2], boot_id(), "ours")
+        assert is_same(Run(child.pid, facts.started, boot_id(), "ours"))
         os.killpg(child.pid, signal.SIGSTOP)
-        wait_for(lambda pid=child.pid: stat(pid)[0] == "T", 10)
+        wait_for(lambda pid=child.pid: stat(pid).state == "T", 10)
         (program,) = psutil.Process(child.pid).children()
         program.send_signal(signal.SIGINT)
         os.killpg(child.pid, signal.SIGCONT)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import os
 import re
+import signal
 import subprocess
 import sys
 import threading
@@ -17,7 +18,10 @@ from robots import RealRobot
 
 from rorg.core.observed import LABEL_OWNER, LABEL_SERVICE
 from rorg.engines.log_lines import Reading
+from rorg.engines.process.engine import ProcessEngine
 from rorg.engines.process.log import KEPT, SLACK, follow_lines, read_lines, trim_log
+
+LABELS = {LABEL_OWNER: "me", LABEL_SERVICE: "x"}
 
 
 @pytest.fixture
@@ -26,7 +30,7 @@ def engine(process_engine):
 
 
 def start(engine, *command: str) -> str:
-    made = engine.create("x", {"image": "x", "command": command}, {LABEL_OWNER: "me", LABEL_SERVICE: "x"})
+    made = engine.create("x", {"image": "x", "command": command}, LABELS)
     engine.start(made)
     return made
 
@@ -201,3 +205,153 @@ def test_only_what_somebody_asked_for_is_told_to_mean_nothing_here(tmp_path):
         assert [line.partition("options: ")[2] for line in told] == ["cap_add (1 service)"]
     finally:
         robot.close()
+
+
+LEAVES = """
+import os, signal, subprocess, sys, time
+own = subprocess.Popen(["sleep", "1000"], start_new_session=True).pid
+same = subprocess.Popen(["sleep", "1000"]).pid
+orphan = "env -i setsid sleep 1000 > /dev/null & echo $!"
+said = subprocess.run(["sh", "-c", orphan], stdout=subprocess.PIPE, text=True).stdout
+print(own, same, said, flush=True)
+if sys.argv[1] == "crash": os._exit(3)
+signal.pause()
+"""
+"""Leaves a process in a session of its own, one in its session, and an orphan without any environment."""
+
+
+def left_by(engine, container: str) -> list[int]:
+    """The processes that the last run of LEAVES names."""
+
+    def named() -> list[bytes]:
+        return next(engine.log_since(container, ""), (b"", ""))[0].split()[-3:]
+
+    return [int(pid) for pid in wait_for(named)]
+
+
+def leave(engine, how: str) -> tuple[str, list[int]]:
+    """A run of LEAVES, and its processes."""
+    container = start(engine, "python3", "-S", "-c", LEAVES, how)
+    return container, left_by(engine, container)
+
+
+def lives(pid: int) -> bool:
+    return _state(pid) not in "ZX"
+
+
+def test_nothing_is_left_of_a_run_that_was_stopped(engine):
+    container, left = leave(engine, "stay")
+    assert all(lives(p) for p in left)
+    began = time.monotonic()
+    engine.stop(container, "SIGTERM", 20.0)
+    assert not [p for p in left if lives(p)]
+    assert time.monotonic() - began < 10, "who is in a session of its own receives the signal after the program's end"
+    assert engine.inspect(container).state == "exited"
+
+
+def test_nothing_is_left_of_a_run_that_crashed_and_it_ends_only_then(engine):
+    container, left = leave(engine, "crash")
+    wait_for(lambda: engine.inspect(container).state == "exited")
+    assert not [p for p in left if lives(p)]
+    assert engine.inspect(container).exit_code == 3
+
+
+def test_a_killed_rorg_does_not_keep_a_crashed_run_from_ending_whole(tmp_path):
+    code = f"""
+import os
+from pathlib import Path
+from rorg.engines.process.engine import ProcessEngine
+from rorg.core.observed import LABEL_OWNER, LABEL_SERVICE
+engine = ProcessEngine("me", Path({str(tmp_path)!r}))
+program = "(env -i setsid sleep 1000 & echo $!); echo; read line < {tmp_path}/go; exit 3"
+made = engine.create("s", {{"image": "x", "command": ["sh", "-c", program]}}, {{LABEL_OWNER: "me", LABEL_SERVICE: "s"}})
+engine.start(made)
+print(made, flush=True)
+os.kill(os.getpid(), 9)
+"""
+    os.mkfifo(tmp_path / "go")
+    done = subprocess.run([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, timeout=60, check=False)
+    engine = ProcessEngine("me", tmp_path)
+    container = done.stdout.strip()
+    (pid,) = wait_for(lambda: [int(n) for n in (tmp_path / container / "log").read_text().split()])
+    assert lives(pid)
+    (tmp_path / "go").write_text("go\n")
+    wait_for(lambda: engine.inspect(container).state == "exited")
+    assert engine.inspect(container).exit_code == 3
+    assert _state(pid) in "ZX"
+
+
+def test_the_processes_of_a_killed_leader_end_at_once_or_before_the_next_run(engine):
+    container, (own, same, _) = leave(engine, "stay")
+    os.kill(engine.inspect(container).pid, signal.SIGKILL)
+    wait_for(lambda: engine.inspect(container).state == "exited")
+    engine.start(container)
+    assert not lives(own)
+    assert not lives(same)
+    stop = threading.Event()
+    threading.Thread(target=lambda: list(engine.events(stop)), daemon=True).start()
+    try:
+        wait_for(lambda: left_by(engine, container)[0] != own)
+        own, same, _ = left_by(engine, container)
+        os.kill(engine.inspect(container).pid, signal.SIGKILL)
+        wait_for(lambda: not lives(own) and not lives(same))
+    finally:
+        stop.set()
+
+
+def test_what_a_launcher_leaves_in_its_group_keeps_its_grace(engine):
+    slow = "trap 'read line < go; echo finished; exit' INT; echo ready; while :; do sleep 0.1; done"
+    folder = engine.records.directory
+    os.mkfifo(folder / "go")
+    words = [
+        "python3",
+        "-S",
+        "-c",
+        f"import signal, subprocess; subprocess.Popen(['sh', '-c', {slow!r}]); signal.pause()",
+    ]
+    container = engine.create("x", {"image": "x", "command": words, "working_dir": str(folder)}, LABELS)
+    engine.start(container)
+    log = engine.records.log(container)
+    wait_for(lambda: log.read_text() == "ready\n")
+    stopping = threading.Thread(target=lambda: engine.stop(container, "SIGINT", 30.0))
+    stopping.start()
+    wait_for(lambda: (engine.records.folder(container) / "exit.new").exists(), what="the launcher to end")
+    assert engine.inspect(container).state == "running"
+    (folder / "go").write_text("go\n")
+    stopping.join()
+    assert log.read_text().splitlines()[-1] == "finished"
+
+
+def test_a_pause_stops_sessions_of_their_own_too_and_use_counts_them(engine):
+    busy = "['sh', '-c', 'echo $$; while :; do :; done'], start_new_session=True"
+    container = start(engine, "python3", "-S", "-c", f"import subprocess; subprocess.Popen({busy}).wait()")
+    (pid,) = wait_for(lambda: [int(n) for n in engine.records.log(container).read_text().split()])
+    wait_for(lambda: engine.usage([engine.inspect(container)])[container].cpu > 0.3)
+    engine.pause(container)
+    wait_for(lambda: _state(pid) == "T")
+    engine.resume(container)
+    wait_for(lambda: _state(pid) == "R")
+
+
+def test_the_programs_of_a_service_hear_that_a_pipe_is_closed(engine):
+    """Python ignores SIGPIPE, and what leads a run begins as a Python."""
+    container = start(engine, "sh", "-c", "grep SigIgn /proc/self/status; grep SigIgn /proc/$PPID/status")
+    wait_for(lambda: engine.inspect(container).state == "exited")
+    for line in engine.records.log(container).read_text().splitlines():
+        assert int(line.split()[1], 16) & (1 << (signal.SIGPIPE - 1) | 1 << (signal.SIGXFSZ - 1)) == 0
+
+
+def test_restarts_of_a_crashing_service_leave_nothing(tmp_path):
+    robot = RealRobot(tmp_path, "process", None)
+    try:
+        robot.declare(
+            {"arm": {"command": ["python3", "-S", "-c", LEAVES, "crash"], "always_on": True, "restart": "always"}}
+        )
+        container = wait_for(lambda: robot.engine.list())[0].id
+        log = robot.engine.records.log(container)
+        wait_for(lambda: log.exists() and len(log.read_bytes().split()) >= 9, what="two restarts")
+        pids = [int(pid) for pid in log.read_bytes().split()]
+        assert all(_state(pid) in "ZX" for pid in pids[:-3])
+    finally:
+        robot.close()
+    assert all(_state(int(pid)) in "ZX" for pid in pids)

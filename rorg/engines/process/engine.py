@@ -1,17 +1,19 @@
-"""The built-in engine: each service is a process group of this machine. Needs nothing, isolates nothing.
+"""The built-in engine: each service is a tree of processes of this machine. Needs nothing, isolates nothing.
 
-A container is a record on disk. While it runs it is also a session of processes, led by a small shell that waits for
-the service and writes down how it ended, so that a restart of rorg loses nothing.
+A container is a record on disk. While it runs it is also a tree of processes below a small shell, which waits for the
+service, ends what it left, and writes down how it ended, so that a restart of rorg loses nothing.
 """
 
 from __future__ import annotations
 
 import builtins
+import contextlib
 import os
 import shutil
 import signal
 import threading
 import time
+from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -23,9 +25,9 @@ from rorg.engines.process.events import Changes
 from rorg.engines.process.launch import folder_of, hear_signals, launch, run_attached, run_beside
 from rorg.engines.process.log import follow_lines, read_lines, read_log_from, trim_log
 from rorg.engines.process.records import Record, Records
-from rorg.engines.process.table import stat
+from rorg.engines.process.table import leader_of, processes
 from rorg.engines.protocol import NONE, Usage
-from rorg.errors import EngineError
+from rorg.errors import EngineError, RorgError
 from rorg.model.engines import ENGINES
 from rorg.model.options import LIVE
 from rorg.model.units import stamp
@@ -44,6 +46,8 @@ class ProcessEngine:
         self.records = Records(directory)
         self.changes = Changes(self.list, self.inspect, self._trim_logs)
         self._naming = threading.Lock()
+        self._beginning: defaultdict[str, threading.Lock] = defaultdict(threading.Lock)
+        """Container -> held while a run begins, so that its processes are not taken for what the previous run left."""
         self._names: dict[str, str] | None = None
         """Container -> name, read once: only the rorg that owns the robot creates and renames."""
 
@@ -92,17 +96,21 @@ class ProcessEngine:
         )
 
     def events(self, stop: threading.Event) -> Iterator[tuple[str, str]]:
-        return self.changes.follow(stop)
+        for container, state in self.changes.follow(stop):
+            for each in [container] if container else self.records.ids():
+                with self._beginning[each], contextlib.suppress(RorgError):
+                    self.records.clear_killed(each)
+            yield container, state
 
     def usage(self, containers: Sequence[Container]) -> dict[str, Usage]:
         """One look at the process table for all. The CPU time of ended children is lost, as in ps."""
-        sessions = {c.pid: c.id for c in containers if c.pid}
-        totals: dict[str, tuple[float, int]] = dict.fromkeys(sessions.values(), (0.0, 0))
-        for entry in os.scandir("/proc"):
-            facts = stat(int(entry.name)) if entry.name.isdigit() else None
-            if facts and facts[1] in sessions:
-                cpu, memory = totals[sessions[facts[1]]]
-                totals[sessions[facts[1]]] = cpu + facts[3], memory + facts[4]
+        leaders = {c.pid: c.id for c in containers if c.pid}
+        totals: dict[str, tuple[float, int]] = dict.fromkeys(leaders.values(), (0.0, 0))
+        table = processes()
+        for pid, facts in table.items():
+            if container := leaders.get(leader_of(pid, leaders, table)):
+                cpu, memory = totals[container]
+                totals[container] = cpu + facts.cpu, memory + facts.memory
         return {c: Usage(cpu, memory) for c, (cpu, memory) in totals.items()}
 
     # -- acting ------------------------------------------------------------------------------------------------
@@ -136,10 +144,12 @@ class ProcessEngine:
             return container
 
     def start(self, container: str) -> None:
-        record = self.records.read(container)
-        if self.records.state(record)[0] in ("running", "paused"):
-            raise EngineError(f"start {record['name']}", "it already started", kind="conflict")
-        self._write(launch(self.records, record))
+        with self._beginning[container]:
+            record = self.records.read(container)
+            if self.records.state(record)[0] in ("running", "paused"):
+                raise EngineError(f"start {record['name']}", "it already started", kind="conflict")
+            self.records.clear(record)
+            self._write(launch(self.records, record))
 
     def pause(self, container: str) -> None:
         self.records.switch(self.records.read(container), "pause", signal.SIGSTOP, "running", "paused")
@@ -165,6 +175,7 @@ class ProcessEngine:
             return
         if self.records.state(record)[0] in ("running", "paused"):
             raise EngineError(f"remove {record['name']}", "it runs", "to stop it first", "conflict")
+        self.records.clear(record)
         self.records.children.pop(container, None)
         shutil.rmtree(self.records.folder(container), ignore_errors=True)
         if self._names is not None:

@@ -6,13 +6,15 @@ import os
 import shutil
 import signal
 import subprocess
+import sys
 import threading
 import time
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from typing import IO, Any
 
-from rorg.engines.process.records import Record, Records
+from rorg.engines.process import lead
+from rorg.engines.process.records import ENDED, EXIT, Record, Records
 from rorg.engines.process.table import MARK, await_program, boot_id, stat
 from rorg.errors import EngineError
 from rorg.host.commands import TURN, Exceeded, Output, end, listen
@@ -20,13 +22,20 @@ from rorg.model.units import stamp
 from rorg.store.files import open_private
 from rorg.store.state_dir import read_json
 
-SUPERVISE = (
-    'trap : HUP INT QUIT USR1 USR2 ALRM TERM; "$@"; code=$?; umask 077; '
-    'echo $code > "$RORG_EXIT.new" && mv "$RORG_EXIT.new" "$RORG_EXIT"'
-)
-"""The shell that leads a container's session. It survives the signals of its group until the service has ended, then
-writes the exit code in one step. The service runs in the foreground, because background jobs of a shell ignore
-SIGINT."""
+SUPERVISE = """trap : HUP INT QUIT USR1 USR2 ALRM TERM
+"$@"
+code=$?; umask 077; echo $code > "$RORG_EXIT.new"
+while left=; read -r left < /proc/$$/task/$$/children; [ "$left" ]; do
+  by=; read -r by < "${RORG_EXIT%exit}stopping"
+  [ "$by" ] && [ -d "/proc/$by" ] || kill -KILL $left || break
+  command -p sleep 0.02
+done 2> /dev/null
+mv "$RORG_EXIT.new" "$RORG_EXIT"
+"""
+"""The shell that leads a container's session, and adopts the processes of it that lose their parent. It survives the
+signals of its group until the service has ended. Then it kills what is left, unless an rorg that lives is stopping the
+run and gives it time. It writes the exit code in one step, when nothing is left. The service runs in the foreground,
+because background jobs of a shell ignore SIGINT."""
 
 UMASK = 0o022
 """Of services, as in a container; rorg's own does not matter."""
@@ -49,7 +58,8 @@ def hear_signals() -> None:
 def launch(records: Records, record: Record) -> dict[str, Any]:
     """Begin a run, and return the record with what distinguishes this run from others."""
     container = record["id"]
-    (records.folder(container) / "exit").unlink(missing_ok=True)
+    for name in (EXIT, ENDED):
+        (records.folder(container) / name).unlink(missing_ok=True)
     command = [*record["spec"].get("entrypoint", []), *record["spec"].get("command", [])]
     environment = _environment(records, record)
     check_program(record["name"], folder_of(record), command, environment["PATH"])
@@ -63,7 +73,7 @@ def launch(records: Records, record: Record) -> dict[str, Any]:
         **record,
         "pid": child.pid,
         "log_from": log_from,
-        "ticks": facts[2] if facts else 0,
+        "ticks": facts.started if facts else 0,
         "boot": boot_id(),
         "started_at": stamp(time.time()),
     }
@@ -73,7 +83,7 @@ def _supervised(record: Record, command: Sequence[str], environment: dict[str, s
     """Start the shell that leads the run. Raises EngineError."""
     try:
         return subprocess.Popen(
-            ["/bin/sh", "-c", SUPERVISE, "rorg", *command],
+            [sys.executable, "-I", "-S", lead.__file__, "/bin/sh", "-c", SUPERVISE, "rorg", *command],
             stdin=subprocess.DEVNULL,
             stdout=log,
             stderr=subprocess.STDOUT,
@@ -162,7 +172,7 @@ def _environment(records: Records, record: Record) -> dict[str, str]:
         "PATH": os.pathsep.join([*_image_path(records, spec["image"]), path]),
         **spec.get("environment", {}),
         MARK: record["id"],
-        "RORG_EXIT": str(records.folder(record["id"]) / "exit"),
+        "RORG_EXIT": str(records.folder(record["id"]) / EXIT),
     }
 
 

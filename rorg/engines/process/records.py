@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from rorg.engines.process.table import is_same, known, members, signal_group, stat
+from rorg.engines.process.table import Run, is_same, known, members, signal_group, signal_one, stat
 from rorg.engines.protocol import stop_sequence
 from rorg.errors import EngineError
 from rorg.model.signals import signal_number
@@ -19,6 +19,13 @@ from rorg.store.files import make_directory, read_state, write_atomic
 
 Record = Mapping[str, Any]
 """id, name, spec, labels, live and created_at; after a start also pid, ticks, boot, log_from and started_at."""
+EXIT, ENDED, STOPPING = "exit", "exit.new", "stopping"
+"""Files of a run: its exit code, when all its processes have ended; the same when its program has; the pid of the rorg
+that is stopping it."""
+EVERYONE = (signal.SIGSTOP, signal.SIGCONT)
+"""Signals that reach every process of a run; all others are for its program's group."""
+CLEARED = 5.0
+"""Seconds for the processes that a killed leader left to end after SIGKILL."""
 LISTS = ("entrypoint", "command", "inherit_environment")
 FORMS = {"name": str, "spec": dict, "labels": dict, "live": dict}
 STARTED = {"pid": int, "ticks": int, "boot": str, "log_from": int, "started_at": str}
@@ -72,11 +79,11 @@ class Records:
         child = self.children.get(record["id"])
         if child is not None:
             child.poll()
-        if is_same(record["pid"], record["ticks"], record["boot"], record["id"]):
+        if is_same(_run(record)):
             facts = stat(record["pid"])
-            return ("paused" if facts and facts[0] == "T" else "running"), None
+            return ("paused" if facts and facts.state == "T" else "running"), None
         try:
-            return "exited", int(read_state(self.folder(record["id"]) / "exit"))
+            return "exited", int(read_state(self.folder(record["id"]) / EXIT))
         except OSError as error:
             known(error, f"the exit code of {record['id'][:12]}")
         except ValueError:
@@ -84,10 +91,24 @@ class Records:
         return "exited", 137
 
     def send(self, record: Record, number: int) -> bool:
-        """Send a signal to all its processes; False if none is left."""
-        return bool(record.get("pid")) and signal_group(
-            record["pid"], record["ticks"], record["boot"], record["id"], number
-        )
+        """Send a signal to a run; False if nothing of it is left. SIGKILL spares the leader, which ends with the last
+        process and writes down the exit code."""
+        if not record.get("pid"):
+            return False
+        run = _run(record)
+        grouped = number != signal.SIGKILL and signal_group(run, number)
+        if grouped and number not in EVERYONE:
+            return True
+        return self._send_each(run, number, grouped) or grouped or is_same(run)
+
+    def _send_each(self, run: Run, number: int, grouped: bool) -> bool:
+        """Send a signal to each process of a run besides its leader; `grouped`: its group has received it. False if
+        there is none."""
+        left = members(run)
+        for pid, facts in left.items():
+            if not grouped or facts.group != run.leader:
+                signal_one(pid, facts.started, number)
+        return bool(left)
 
     def switch(self, record: Record, verb: str, number: int, before: str, after: str) -> None:
         """Send a signal that changes the state of a container, and return when it has changed. Raises EngineError
@@ -103,26 +124,61 @@ class Records:
 
     def end(self, record: Record, name: str, grace: float) -> None:
         """End a run. A stopped group receives signals only when it continues: so first the signal, then SIGCONT. A
-        signal that the kernel does not have is skipped. Raises EngineError if it still runs at the end."""
-        for step, seconds in stop_sequence(name, grace):
-            try:
-                number = signal_number(step)
-            except ValueError:
-                continue
-            if not self.send(record, number):
-                return
-            self.send(record, signal.SIGCONT)
-            if self._ended(record, seconds):
-                return
-        raise EngineError(f"stop {record['name']}", "it did not end after SIGKILL", "`dmesg` for a device that hangs")
+        signal that the kernel does not have is skipped. Raises EngineError if something of it still runs at the
+        end."""
+        note = self.folder(record["id"]) / STOPPING
+        write_atomic(note, str(os.getpid()), mode=0o600)
+        try:
+            for step, seconds in stop_sequence(name, grace):
+                try:
+                    number = signal_number(step)
+                except ValueError:
+                    continue
+                if not self.send(record, number):
+                    break
+                self.send(record, signal.SIGCONT)
+                if self._ended(record, number, seconds):
+                    break
+        finally:
+            note.unlink(missing_ok=True)
+        if self.state(record)[0] != "exited":
+            raise EngineError(
+                f"stop {record['name']}", "it did not end after SIGKILL", "`dmesg` for a device that hangs"
+            )
+        self.clear(record)
 
-    def _ended(self, record: Record, seconds: float) -> bool:
-        deadline = time.monotonic() + seconds
+    def _ended(self, record: Record, number: int, seconds: float) -> bool:
+        """Return whether everything of a run ends within this time. What is outside of its program's group, such as a
+        node of a launcher, receives the signal when the program has ended: until then that is the program's task."""
+        deadline, ended = time.monotonic() + seconds, self.folder(record["id"]) / ENDED
+        received = number == signal.SIGKILL
         while time.monotonic() < deadline:
-            if self.state(record)[0] == "exited" and not members(record["pid"], record["id"]):
+            if self.state(record)[0] == "exited":
                 return True
+            if not received and ended.exists():
+                self._send_each(_run(record), number, grouped=True)
+                received = True
             time.sleep(0.005)
         return False
+
+    def clear(self, record: Record) -> None:
+        """End what is left of a run whose leader has ended. Raises EngineError if something does not end."""
+        deadline = time.monotonic() + CLEARED
+        while record.get("pid") and self._send_each(_run(record), signal.SIGKILL, grouped=False):
+            if time.monotonic() > deadline:
+                pids = " ".join(map(str, members(_run(record))))
+                raise EngineError(f"end {record['name']}", f"it left processes that do not end: {pids}", "`dmesg`")
+            time.sleep(0.005)
+
+    def clear_killed(self, container: str) -> None:
+        """Kill what is left if the leader of a run was killed; otherwise it has done so itself."""
+        record = self.read(container)
+        if self.state(record)[0] == "exited" and not (self.folder(container) / EXIT).exists():
+            self._send_each(_run(record), signal.SIGKILL, grouped=False)
+
+
+def _run(record: Record) -> Run:
+    return Run(record["pid"], record["ticks"], record["boot"], record["id"])
 
 
 def _json(path: Path) -> Any:

@@ -7,8 +7,10 @@ import os
 import signal
 import subprocess
 import time
+from collections.abc import Container, Mapping
 from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 from rorg.errors import Unreachable
 
@@ -18,6 +20,8 @@ BEGIN = 5.0
 """Seconds within which a program has started, however busy the machine is."""
 PROCESS_GROUP = 4
 """PIDFD_SIGNAL_PROCESS_GROUP (Linux 6.9): signal a whole group through a descriptor that cannot be reused."""
+DEAD = "ZX"
+"""States of a process that has ended."""
 SHORT_OF = (errno.EMFILE, errno.ENFILE, errno.ENOMEM)
 """Errors that say nothing about a file or process, only that no descriptor or memory is left to look at it."""
 
@@ -34,9 +38,33 @@ def boot_id() -> str:
     return Path("/proc/sys/kernel/random/boot_id").read_text().strip()
 
 
-def stat(pid: int) -> tuple[str, int, int, float, int] | None:
-    """(state letter, session, start time in clock ticks since boot, CPU seconds, resident bytes); None when gone.
-    Raises Unreachable."""
+class Process(NamedTuple):
+    """What the kernel says of a process."""
+
+    state: str
+    """A letter, as in ps."""
+    parent: int
+    group: int
+    started: int
+    """Clock ticks since boot."""
+    cpu: float
+    """Seconds."""
+    memory: int
+    """Resident bytes."""
+
+
+class Run(NamedTuple):
+    """One run of a container, by the process that leads it."""
+
+    leader: int
+    started: int
+    """Clock ticks since boot."""
+    boot: str
+    container: str
+
+
+def stat(pid: int) -> Process | None:
+    """None when it is gone. Raises Unreachable."""
     try:
         text = Path(f"/proc/{pid}/stat").read_text(errors="replace")  # names are bytes, cut anywhere
     except OSError as error:
@@ -44,26 +72,50 @@ def stat(pid: int) -> tuple[str, int, int, float, int] | None:
         return None
     fields = text[text.rindex(")") + 2 :].split()
     cpu = (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-    return fields[0], int(fields[3]), int(fields[19]), cpu, int(fields[21]) * os.sysconf("SC_PAGE_SIZE")
+    memory = int(fields[21]) * os.sysconf("SC_PAGE_SIZE")
+    return Process(fields[0], int(fields[1]), int(fields[2]), int(fields[19]), cpu, memory)
 
 
-def is_same(pid: int, started: int, boot: str, container: str) -> bool:
-    """Whether this pid is still the process that began at `started` for this container, and alive. Start times have a
-    resolution of 10 ms, so the mark is checked too."""
-    facts = stat(pid) if boot == boot_id() else None
-    return facts is not None and facts[2] == started and facts[0] not in "ZX" and _marked(pid, container)
+def processes() -> dict[int, Process]:
+    """All live processes of this machine. Raises Unreachable."""
+    numbers = [int(entry.name) for entry in os.scandir("/proc") if entry.name.isdigit()]
+    return {pid: facts for pid in numbers if (facts := stat(pid)) and facts.state not in DEAD}
 
 
-def members(leader: int, container: str) -> list[int]:
-    """Live processes of a container: those of its session that carry its mark, so that a foreign process with a reused
-    number is never among them."""
-    pids = []
-    for entry in os.scandir("/proc"):
-        if entry.name.isdigit():
-            facts = stat(int(entry.name))
-            if facts and facts[1] == leader and facts[0] not in "ZX" and _marked(int(entry.name), container):
-                pids.append(int(entry.name))
-    return pids
+def leader_of(pid: int, leaders: Container[int], table: Mapping[int, Process]) -> int:
+    """Return the nearest ancestor that is one of these, or the process itself; 0 if none is."""
+    for _ in table:  # a number that was reused meanwhile could close a circle
+        if pid in leaders:
+            return pid
+        if pid not in table:
+            break
+        pid = table[pid].parent
+    return 0
+
+
+def is_same(run: Run) -> bool:
+    """Whether the leader of a run lives. Start times have a resolution of 10 ms, so the mark is checked too."""
+    facts = stat(run.leader) if run.boot == boot_id() else None
+    return (
+        facts is not None
+        and facts.started == run.started
+        and facts.state not in DEAD
+        and _marked(run.leader, run.container)
+    )
+
+
+def members(run: Run) -> dict[int, Process]:
+    """Live processes of a run without its leader: all below it, and all that carry the container's mark, which are left
+    if the leader was killed, or are commands beside it. Raises Unreachable."""
+    if run.boot != boot_id():
+        return {}
+    table = processes()
+    leaders = (run.leader,) if is_same(run) else ()
+    return {
+        pid: facts
+        for pid, facts in table.items()
+        if pid != run.leader and (leader_of(pid, leaders, table) or _marked(pid, run.container))
+    }
 
 
 def _marked(pid: int, container: str) -> bool:
@@ -104,40 +156,37 @@ def _command_line(pid: str) -> bytes:
         return b""
 
 
-def signal_group(leader: int, started: int, boot: str, container: str, number: int) -> bool:
-    """Send a signal to all processes of a container; False if none is left."""
+def signal_group(run: Run, number: int) -> bool:
+    """Send a signal to the group of a run's leader; False if the leader has ended."""
     try:
-        descriptor = os.pidfd_open(leader)
+        descriptor = os.pidfd_open(run.leader)
     except OSError as error:
-        known(error, f"process {leader}")
-        descriptor = -1
+        known(error, f"process {run.leader}")
+        return False
     try:
         # While the descriptor is open the pid cannot come to mean another process.
-        if descriptor >= 0 and is_same(leader, started, boot, container):
-            try:
-                signal.pidfd_send_signal(descriptor, number, None, PROCESS_GROUP)
-            except OSError:
-                os.killpg(leader, number)
-            return True
+        if not is_same(run):
+            return False
+        try:
+            signal.pidfd_send_signal(descriptor, number, None, PROCESS_GROUP)
+        except OSError:
+            os.killpg(run.leader, number)
+        return True
     except ProcessLookupError:
-        pass
+        return False
     finally:
-        if descriptor >= 0:
-            os.close(descriptor)
-    left = members(leader, container) if boot == boot_id() else []
-    for pid in left:
-        _signal_one(pid, container, number)
-    return bool(left)
+        os.close(descriptor)
 
 
-def _signal_one(pid: int, container: str, number: int) -> None:
+def signal_one(pid: int, started: int, number: int) -> None:
+    """Send a signal to the process that began at that time, if it lives."""
     try:
         descriptor = os.pidfd_open(pid)
     except OSError as error:
         known(error, f"process {pid}")
         return
     try:
-        if _marked(pid, container):
+        if (facts := stat(pid)) and facts.started == started:
             signal.pidfd_send_signal(descriptor, number)
     except OSError:
         pass
