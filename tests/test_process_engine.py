@@ -38,11 +38,12 @@ def start(engine, *command: str) -> str:
 def test_a_command_that_takes_too_long_is_ended_with_all_that_it_began(engine):
     container = start(engine, "sleep", "600")
     began = time.monotonic()
-    code, output = engine.exec(container, ["sh", "-c", "sleep 601 & echo $!; wait"], 0.5)
+    code, output = engine.exec(container, ["sh", "-c", "sleep 601 & echo $!; setsid sleep 602 & echo $!; wait"], 0.5)
     assert time.monotonic() - began < 5
-    child, said = output.splitlines()
+    child, session, said = output.splitlines()
     assert (code, said) == (124, b"no end within 0.5 s")
-    wait_for(lambda: _state(int(child)) in "ZX", what="the child of the command to end")
+    for pid in child, session:
+        wait_for(lambda pid=pid: _state(int(pid)) in "ZX", what="the children of the command to end")
     assert engine.inspect(container).state == "running"
 
 

@@ -9,13 +9,14 @@ import subprocess
 import sys
 import threading
 import time
+import uuid
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from typing import IO, Any
 
 from rorg.engines.process import lead
 from rorg.engines.process.records import ENDED, EXIT, Record, Records
-from rorg.engines.process.table import MARK, await_program, boot_id, stat
+from rorg.engines.process.table import EXEC, MARK, await_program, boot_id, marked, processes, signal_one, stat
 from rorg.errors import EngineError
 from rorg.host.commands import TURN, Exceeded, Output, end, listen
 from rorg.model.units import stamp
@@ -110,10 +111,11 @@ def run_beside(
 ) -> tuple[int, bytes]:
     """Run a command in the container's environment and return its exit code and output; see Inspection.exec. The code
     is 127 if there is no such program."""
+    mark = uuid.uuid4().hex
     try:
         child = subprocess.Popen(
             command,
-            env=_environment(records, record),
+            env=_environment(records, record) | {EXEC: mark},
             cwd=folder_of(record),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
@@ -128,6 +130,9 @@ def run_beside(
         return listen(child, output), output.text()
     except Exceeded as why:
         end(child, signal.SIGKILL)
+        for pid, facts in processes().items():
+            if marked(pid, EXEC, mark):
+                signal_one(pid, facts.started, signal.SIGKILL)
         return why.code, output.text(why)
 
 

@@ -134,6 +134,8 @@ class Records:
                     number = signal_number(step)
                 except ValueError:
                     continue
+                if number == signal.SIGKILL:  # also for the leader, which kills what begins meanwhile
+                    note.unlink(missing_ok=True)
                 if not self.send(record, number):
                     break
                 self.send(record, signal.SIGCONT)

@@ -16,6 +16,8 @@ from rorg.errors import Unreachable
 
 MARK = "RORG_CONTAINER"
 """Environment variable that every process of a container inherits: the container's id."""
+EXEC = "RORG_EXEC"
+"""Environment variable that a command beside a service and everything that it starts inherit."""
 BEGIN = 5.0
 """Seconds within which a program has started, however busy the machine is."""
 PROCESS_GROUP = 4
@@ -100,7 +102,7 @@ def is_same(run: Run) -> bool:
         facts is not None
         and facts.started == run.started
         and facts.state not in DEAD
-        and _marked(run.leader, run.container)
+        and marked(run.leader, MARK, run.container)
     )
 
 
@@ -114,17 +116,18 @@ def members(run: Run) -> dict[int, Process]:
     return {
         pid: facts
         for pid, facts in table.items()
-        if pid != run.leader and (leader_of(pid, leaders, table) or _marked(pid, run.container))
+        if pid != run.leader and (leader_of(pid, leaders, table) or marked(pid, MARK, run.container))
     }
 
 
-def _marked(pid: int, container: str) -> bool:
+def marked(pid: int, name: str, value: str) -> bool:
+    """Whether a process began with this variable in its environment. Raises Unreachable."""
     try:
         environment = Path(f"/proc/{pid}/environ").read_bytes().split(b"\0")
     except OSError as error:
         known(error, f"process {pid}")
         return False
-    return f"{MARK}={container}".encode() in environment
+    return f"{name}={value}".encode() in environment
 
 
 def await_program(child: subprocess.Popen[bytes], container: str) -> None:
@@ -134,7 +137,7 @@ def await_program(child: subprocess.Popen[bytes], container: str) -> None:
     neither is ever paused."""
     deadline = time.monotonic() + BEGIN
     while child.poll() is None and time.monotonic() < deadline:
-        if _marked(child.pid, container) and _begun(child.pid):
+        if marked(child.pid, MARK, container) and _begun(child.pid):
             return
         time.sleep(0.001)
 
