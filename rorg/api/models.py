@@ -49,8 +49,8 @@ class ServiceView(BaseModel):
 
     service: str
     state: str = Field(
-        description="The engine's word, as seen last; none without a container, meta for a meta-service, "
-        "unknown before the engine has answered."
+        description="The engine's word, as seen last; stopping while a stop is under way, none without a container, "
+        "meta for a meta-service, unknown before the engine has answered."
     )
     sync: str = Field(description="Synced, OutOfSync or Unknown.")
     health: str = Field(description="Healthy, Progressing, Degraded, Idle, Completed or Unknown.")

@@ -63,7 +63,7 @@ def command(
 def _running(context: Context, client: Client | None) -> list[str]:
     """Everything that runs. Raises Invalid if nothing does."""
     if client:
-        names = [s["service"] for s in client.services() if s["state"] in ("running", "paused")]
+        names = [s["service"] for s in client.services() if s["incarnation"]]
     else:
         names = sorted({c.service for c in context.engine().list() if c.alive})
     if not names:

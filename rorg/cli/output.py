@@ -124,6 +124,7 @@ COLOURS = {
     "Idle": "dim",
     "running": "green",
     "paused": "blue",
+    "stopping": "yellow",
     "OutOfSync": "yellow",
     "Unknown": "magenta",
 }

@@ -27,7 +27,7 @@ STALLED_AFTER = 3
 MOST_STOPPED = 16
 """Number of runs per service that are remembered as stopped by rorg."""
 DEFAULT_GRACE = 5.0
-"""Seconds between the stop signal and SIGTERM if `stop_grace_period` is not declared."""
+"""Seconds between the stop signal and SIGKILL if `stop_grace_period` is not declared."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -173,7 +173,7 @@ class Deactivate(Operation):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stop(Operation):
-    """End a run: send `signal`, after `grace` seconds SIGTERM, then SIGKILL."""
+    """End a run: send `signal`, SIGTERM towards the end of `grace` (seconds), then SIGKILL."""
 
     verb, symbol = "stop", "#"
     states = frozenset({"running", "restarting", "inactive", "paused"})

@@ -10,12 +10,13 @@ from typing import Any
 from rorg.core.conditions import CAUTIONS, Condition, occasional, requested, runs_once, stalled
 from rorg.core.links import Remote
 from rorg.core.observed import Container
-from rorg.core.operations import Create, Rename
+from rorg.core.operations import Create, Rename, Stop
 from rorg.core.plan import Action, Part, Plan
 from rorg.core.situation import Situation
 from rorg.core.wanted import Link, chain
 from rorg.model.catalog import Service
 
+STOPPING = "stopping"
 SILENT = "EngineSilent"
 """Condition reason while the engine does not answer."""
 
@@ -26,8 +27,8 @@ class Status:
 
     service: str
     state: str
-    """The engine's last known word for its container; `none` without one, `unknown` before the engine has answered,
-    `meta` for a meta-service."""
+    """The engine's last known word for its container; `stopping` while a stop is under way, `none` without a container,
+    `unknown` before the engine has answered, `meta` for a meta-service."""
     sync: str
     """Synced, OutOfSync or Unknown."""
     health: str
@@ -126,7 +127,7 @@ class Statuses(Mapping[str, Status]):
             status = self._assessed.status(self._services[name])
             return replace(status, withheld=why, why=f"withheld: {why}") if why else status
         current = situation.observed.current(name)  # its manifest is gone, so nothing else is known
-        gone = Status(name, current.state if current else "none", "OutOfSync", "Unknown", False, f"withheld: {why}")
+        gone = Status(name, self._assessed.state(name, current), "OutOfSync", "Unknown", False, f"withheld: {why}")
         gone = replace(gone, withheld=why or "")
         return replace(gone, container=current.id, started_at=current.started_at) if current else gone
 
@@ -164,7 +165,7 @@ class _Assessed:
         )
         status = Status(
             name,
-            current.state if current else "none" if known else "unknown",
+            self.state(name, current),
             "Unknown" if not known else "OutOfSync" if pending or waiting else "Synced",
             _health(bool(causes), ready, reason, progress.stalled) if known else "Unknown",
             bool(causes),
@@ -182,6 +183,15 @@ class _Assessed:
             chain=links,
         )
         return status if current is None else _with_container(status, current)
+
+    def state(self, name: str, current: Container | None) -> str:
+        """Return the state of a service's container. Engines call it running while it stops."""
+        if current is None:
+            return "none" if self.s.observed.complete else "unknown"
+        flight = self.s.memory.in_flight.get(name)
+        operation = flight.action.operation if flight else None
+        ends = isinstance(operation, Stop) and operation.container == current.id and current.alive
+        return STOPPING if ends else current.state
 
     def away(self, service: Service, why: str, links: tuple[Link, ...]) -> Status:
         """Return the status of another machine's service, as that one told."""

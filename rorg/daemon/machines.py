@@ -186,9 +186,10 @@ class Machines:
         ready = status.condition("Ready")
         since = self._since.get(status.service)
         progress = decision.situation.memory.of(status.service)
+        current = decision.situation.observed.current(status.service)
         probed = progress.answered is None or told_since(progress, since)
         return Remote(
-            status.state,
+            current.state if current else status.state,  # while it stops too, the other machine counts it as alive
             status.wanted,
             status.wanted and ready.status == "True" and probed,
             status.health,

@@ -61,7 +61,8 @@ class Lifecycle(Protocol):
     def start(self, container: str) -> None: ...
 
     def stop(self, container: str, signal: str, grace: float) -> None:
-        """Send the signal, after `grace` seconds SIGTERM, after 2 more seconds SIGKILL; return when it has ended."""
+        """Send the signal, towards the end of the `grace` (seconds) SIGTERM, and SIGKILL when that is over; return when
+        it has ended."""
 
     def signal(self, container: str, name: str) -> None:
         """Send a signal to the program of a running container, and do nothing else."""
@@ -258,14 +259,17 @@ def unsupported(engine: str, what: str, container: str) -> EngineError:
     return EngineError(f"{what} {container[:12]}", f"the {engine} engine cannot do that", kind="unsupported")
 
 
-TERM_GRACE = 2.0
-"""Seconds between SIGTERM and SIGKILL."""
+TERM_TIME, TERM_SHARE = 2.0, 0.2
+"""Seconds of the grace period, and part of it, that at most remain for SIGTERM."""
+KILL_TIME = 10.0
+"""Seconds within which a program has ended after SIGKILL, unless a device hangs."""
 
 
 def stop_sequence(signal: str, grace: float) -> list[tuple[str, float]]:
-    """Return the signals to send, each with the seconds to wait after it. One signal is not enough: roscpp as PID 1
-    ignores SIGTERM, and a shell in between swallows SIGINT, so the stop would take the whole grace period, or leave a
-    stale registration."""
+    """Return the signals to send, each with the seconds since the first one that it may then take. One signal is
+    not enough: roscpp as PID 1 ignores SIGTERM, and a shell in between swallows SIGINT, so the stop would leave a stale
+    registration. So SIGTERM comes in the last part of the grace period, and SIGKILL when it is over, as with Docker."""
+    kill = ("SIGKILL", grace + KILL_TIME)
     if signal in ("SIGTERM", "SIGKILL"):
-        return [(signal, grace), ("SIGKILL", 10.0)]
-    return [(signal, grace), ("SIGTERM", TERM_GRACE), ("SIGKILL", 10.0)]
+        return [(signal, grace), kill]
+    return [(signal, grace - min(TERM_TIME, grace * TERM_SHARE)), ("SIGTERM", grace), kill]

@@ -196,7 +196,8 @@ class DockerEngine(Inside, Images):
     def stop(self, container: str, signal: str, grace: float) -> None:
         """A signal that the engine refuses, such as a number that an image declares, is skipped."""
         why = EngineError(f"stop {container[:12]}", "it did not end after SIGKILL", "`dmesg` for a device that hangs")
-        for name, seconds in stop_sequence(signal, grace):
+        began = 0.0  # when the first signal was sent: an engine under load may take its time for that
+        for name, until in stop_sequence(signal, grace):
             try:
                 self._kill(container, name)
             except EngineError as error:
@@ -204,7 +205,8 @@ class DockerEngine(Inside, Images):
                     return
                 why = error
                 continue
-            if self._ended(container, seconds):
+            began = began or time.monotonic()
+            if self._ended(container, max(0.0, began + until - time.monotonic())):
                 return
         raise why
 

@@ -24,19 +24,19 @@ from rorg.store.files import open_private
 from rorg.store.state_dir import read_json
 
 SUPERVISE = """trap : HUP INT QUIT USR1 USR2 ALRM TERM
-"$@"
+exec 3>&2 2> /dev/null; (exec "$@" 2>&3 3>&-)
 code=$?; umask 077; echo $code > "$RORG_EXIT.new"
 while left=; read -r left < /proc/$$/task/$$/children; [ "$left" ]; do
   by=; read -r by < "${RORG_EXIT%exit}stopping"
   [ "$by" ] && [ -d "/proc/$by" ] || kill -KILL $left || break
   command -p sleep 0.02
-done 2> /dev/null
+done
 mv "$RORG_EXIT.new" "$RORG_EXIT"
 """
 """The shell that leads a container's session, and adopts the processes of it that lose their parent. It survives the
 signals of its group until the service has ended. Then it kills what is left, unless an rorg that lives is stopping the
 run and gives it time. It writes the exit code in one step, when nothing is left. The service runs in the foreground,
-because background jobs of a shell ignore SIGINT."""
+because background jobs of a shell ignore SIGINT. Its own messages, such as "Killed", do not go into the log."""
 
 UMASK = 0o022
 """Of services, as in a container; rorg's own does not matter."""

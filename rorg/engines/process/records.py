@@ -126,10 +126,10 @@ class Records:
         """End a run. A stopped group receives signals only when it continues: so first the signal, then SIGCONT. A
         signal that the kernel does not have is skipped. Raises EngineError if something of it still runs at the
         end."""
-        note = self.folder(record["id"]) / STOPPING
+        note, began = self.folder(record["id"]) / STOPPING, time.monotonic()
         write_atomic(note, str(os.getpid()), mode=0o600)
         try:
-            for step, seconds in stop_sequence(name, grace):
+            for step, until in stop_sequence(name, grace):
                 try:
                     number = signal_number(step)
                 except ValueError:
@@ -139,7 +139,7 @@ class Records:
                 if not self.send(record, number):
                     break
                 self.send(record, signal.SIGCONT)
-                if self._ended(record, number, seconds):
+                if self._ended(record, number, began + until):
                     break
         finally:
             note.unlink(missing_ok=True)
@@ -149,12 +149,12 @@ class Records:
             )
         self.clear(record)
 
-    def _ended(self, record: Record, number: int, seconds: float) -> bool:
-        """Return whether everything of a run ends within this time. What is outside of its program's group, such as a
-        node of a launcher, receives the signal when the program has ended: until then that is the program's task."""
-        deadline, ended = time.monotonic() + seconds, self.folder(record["id"]) / ENDED
-        received = number == signal.SIGKILL
-        while time.monotonic() < deadline:
+    def _ended(self, record: Record, number: int, until: float) -> bool:
+        """Return whether everything of a run ends until this monotonic time. What is outside of its program's group,
+        such as a node of a launcher, receives the signal when the program has ended: until then that is the program's
+        task."""
+        ended, received = self.folder(record["id"]) / ENDED, number == signal.SIGKILL
+        while time.monotonic() < until:
             if self.state(record)[0] == "exited":
                 return True
             if not received and ended.exists():

@@ -14,7 +14,7 @@ from rorg.core.observed import LABEL_SERVICE, LABEL_STATE, Container, FoundObjec
 from rorg.engines.docker.body import Body
 from rorg.engines.docker.create import other_rorg
 from rorg.engines.log_lines import Reading
-from rorg.engines.protocol import LIST_EVERY, NONE, TERM_GRACE, Usage, unsupported
+from rorg.engines.protocol import LIST_EVERY, NONE, Usage, unsupported
 from rorg.engines.swarm import networks
 from rorg.engines.swarm.body import CONTAINER, service_spec
 from rorg.engines.swarm.cluster import Cluster
@@ -41,7 +41,7 @@ LABEL_MOUNTS = "rorg.io/mounts"
 """The label with the mounts of a service from the tree, as JSON. They are read when it starts."""
 SOON = 0.2
 """Seconds between two looks while a task begins or ends."""
-SWARM_STOPS = 10.0
+SWARM_STOPS = 12.0
 """Seconds beyond the grace period within which a task has ended: the Swarm waits for 2 s before it sends the signal."""
 
 
@@ -193,7 +193,7 @@ class SwarmEngine(Inside):
         if replicas_of(spec):
             labels = {**labels_of(spec), **self._last_run(look, service)}
             self._update(f"stop {name}", service, {**spec, "Labels": labels, "Mode": {"Replicated": {"Replicas": 0}}})
-        until = time.monotonic() + grace + TERM_GRACE + SWARM_STOPS
+        until = time.monotonic() + grace + SWARM_STOPS
         while self.cluster.look().alive(service):
             if time.monotonic() > until:
                 raise EngineError(f"stop {name}", "its task has not ended", f"`docker service ps {name}`")

@@ -146,7 +146,7 @@ export const encode = encodeURIComponent;
 /** How a service is, in one word with a shape of its own; colours alone would not tell everyone. */
 export function mood(service) {
   if (!service) return "none";
-  if (service.state === "meta") return "meta";
+  if (service.state === "meta" || service.state === "stopping") return service.state;
   if (service.health === "Degraded" || service.conditions.some((c) => c.type === "Stalled" && c.status === "True"))
     return "failing";
   if (service.state === "unknown" || service.health === "Unknown") return "unknown";
@@ -162,6 +162,7 @@ export const MOODS = {
   ready: { shape: "●", text: "ready" },
   starting: { shape: "◐", text: "starting" },
   idle: { shape: "◫", text: "idle" },
+  stopping: { shape: "◌", text: "stopping" },
   stopped: { shape: "○", text: "stopped" },
   failing: { shape: "▲", text: "failing" },
   unknown: { shape: "?", text: "unknown" },
