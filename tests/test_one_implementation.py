@@ -95,7 +95,9 @@ def normal(document: RequestsDocument, before: RequestsDocument) -> RequestsDocu
     """Without the times at which it was made."""
 
     def hold(found: Hold | None, was: Hold | None) -> Hold | None:
-        return found if found is None or found == was else replace(found, until=round(found.until - 4e9, -9), uptime=0.0)
+        return (
+            found if found is None or found == was else replace(found, until=round(found.until - 4e9, -9), uptime=0.0)
+        )
 
     return replace(
         document,

@@ -282,7 +282,7 @@ class _Reconciled:
             return [Step(Remove(container=container.id), "the engine cannot start it any more", surplus=True)]
         if self.step.over(self.service, container) and self.s.restarts.get(self.name) != container.incarnation:
             return []
-        if container.state == "exited" and self.step.exited == container.incarnation:
+        if container.state == "exited" and self.step.exited == container.incarnation and self.step.error:
             why += f"; {self.step.error}"
         return [Step(start, why)]
 

@@ -94,6 +94,8 @@ def _cause(decision: Decision, name: str, run: str, action: Action | None) -> tu
 
 
 def _by_itself(progress: Progress, run: str, action: Action | None) -> tuple[str, str]:
+    if run == progress.exited and not progress.error:
+        return "ceased", "it ended with exit code 0"
     if run in (progress.exited, progress.hung):
         return ("hung" if run == progress.hung else "crashed"), progress.error
     if action is not None:

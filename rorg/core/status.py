@@ -245,10 +245,11 @@ class _Assessed:
             return False, "NoDevice", situation.unplugged[name]
         if current is None:
             return False, "NoContainer", waiting or progress.error
+        failed = "OutOfMemory" if current.oom_killed else "Failed"
         if current.state == "exited" and progress.exited == current.incarnation and not waiting:
             if situation.completed(name):
                 return True, "Completed", "it ended with exit code 0"
-            return False, "OutOfMemory" if current.oom_killed else "Failed", progress.error
+            return False, failed, progress.error
         if progress.doubted_since is not None:
             return False, "Ending", "rorg was ended while stopping it"
         if current.state == "running" and progress.running_since is not None:
@@ -256,7 +257,7 @@ class _Assessed:
             late = service.ready is not None and ran > service.ready.timeout
             return False, "Late" if late else "Probing", progress.probe
         if progress.error and progress.exits:
-            return False, "Failed", progress.error
+            return False, failed, progress.error
         return False, current.state.capitalize(), waiting or progress.error or current.error
 
 

@@ -66,7 +66,7 @@ def advanced(progress: Progress, service: Service, evidence: Evidence) -> Progre
     progress = _doubt(progress, service, None if evidence.busy else current, now)
     if evidence.wanted and not evidence.busy:
         progress = _ended_with_another(progress, service, evidence)
-        progress = _exit(_excused(progress, service, current, evidence), current, now)
+        progress = _exit(_excused(progress, service, current, evidence), service, current, evidence)
     progress = _ready(progress, service, evidence.ready, now)
     progress = _live(progress, service, evidence.live, now) if evidence.wanted and not evidence.busy else progress
     progress = _relied_on(progress, service, evidence.wanted, now)
@@ -198,17 +198,19 @@ def _interrupted(progress: Progress, service: Service, current: Container, evide
     return progress.rebooted or ((current.killed or tried) and again)
 
 
-def _exit(progress: Progress, current: Container | None, now: float) -> Progress:
-    """Count an unexpected exit and postpone the next start."""
+def _exit(progress: Progress, service: Service, current: Container | None, evidence: Evidence) -> Progress:
+    """Note an exit. Count it and postpone the next start, unless the service has completed."""
     if current is None or not current.ended or not current.started_at:
         return progress
     run = current.incarnation
     if run == progress.exited or run in progress.stopped:
         return progress
+    if current.exit_code == 0 and not service.restarts_after(0):
+        return replace(progress.start_forgotten(), exits=0, exited=run, error="")
     exits = progress.exits + 1
     why = "out of memory" if current.oom_killed else f"exit code {current.exit_code}"
     progress = replace(progress, exits=exits, crashes=progress.crashes + 1, exited=run)
-    return progress.start_after(now + delay(exits), f"ended with {why}")
+    return progress.start_after(evidence.now + delay(exits), f"ended with {why}")
 
 
 def _ready(progress: Progress, service: Service, result: ProbeResult | None, now: float) -> Progress:

@@ -68,9 +68,7 @@ class Update:
         """Return the update with the desired edition free to be tried again. If it was proven once and failed later, it
         must be proven again."""
         baked, others = "" if self.broken else self.baked, self._others()
-        return replace(
-            self, quarantined=others, broken="", baked=baked, rejected="", failed_at=-inf, interrupted=0
-        )
+        return replace(self, quarantined=others, broken="", baked=baked, rejected="", failed_at=-inf, interrupted=0)
 
     def _others(self) -> dict[str, str]:
         return {edition: why for edition, why in self.quarantined.items() if edition != self.edition}

@@ -73,6 +73,11 @@ class ContainerCache:
         with self._lock:
             return {**self._containers} if self._snapshot.complete else {}
 
+    def has_ended(self, found: Iterable[Container]) -> bool:
+        """Return whether the run of one of these goes on as far as is known, but has ended."""
+        with self._lock:
+            return any(c.ended and (known := self._containers.get(c.id)) is not None and known.alive for c in found)
+
     def show_all(self, listed: Iterable[Container], before: Mapping[str, Container], look: Look) -> bool:
         """Take a full list, and return whether it changed anything. Looks at single containers that began later take
         precedence. `before` are the containers that the list did not inspect again."""

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import replace
 
-from rorg.core.observed import Observed, Silence
+from rorg.core.observed import Container, Observed, Silence
 from rorg.engines.container_cache import ContainerCache
 from rorg.engines.heartbeat import Heartbeat, retry_after
 from rorg.engines.log_lines import Reading
@@ -110,6 +110,7 @@ class Observer:
         look = self._cache.begin()
         try:
             inspection = self.engine.inspect(container)
+            self._check_ends([inspection] if inspection else ())
         except RorgError as error:
             self._lost(error)
             self._doubt.set()
@@ -135,9 +136,20 @@ class Observer:
             self.objects.check()
         look, before = self._cache.begin(), {} if anew else self._cache.known()
         listed = self.engine.list(before)
+        self._check_ends(listed)
         self.lists += 1
         if self._cache.show_all(listed, before, look):
             self.wake()
+
+    def _check_ends(self, found: Iterable[Container]) -> None:
+        """If a run has ended, check that the engine goes on. One that ends itself stops its containers and still
+        answers on open connections, but takes no new one. Raises Unreachable then: no program is to blame."""
+        if isinstance(self.engine, Daemon) and self._cache.has_ended(found):
+            pinger = self.engine.pinger()
+            try:
+                pinger.ask()
+            finally:
+                pinger.close()
 
     def look(self, looks: Mapping[str, float]) -> None:
         """Look at each of these containers in a thread, unless a look at it began after that moment, and then wake the
