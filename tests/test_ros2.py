@@ -122,7 +122,7 @@ def test_what_delivers_all_is_not_said_to_deliver_nothing(docker_robot, dds_imag
 
 
 def test_what_killed_participants_left_is_removed_once_none_runs(docker_robot, dds_image):
-    docker_robot.declare(shared(docker_robot, "victim", "other"))
+    docker_robot.declare(shared(docker_robot, "victim", "other"), policies={"robot": {"purge_shm": True}})
     docker_robot.request("victim", id="victim")
     docker_robot.request("other", id="other")
     docker_robot.wait(lambda: len([f for f in files(docker_robot) if f.endswith("_el")]) >= 4)

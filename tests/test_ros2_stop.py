@@ -36,7 +36,7 @@ def test_every_kind_of_program_ends_at_once_and_leaves_nothing_behind(docker_rob
     try:
         hand.run("python3", "/nodes/watch.py", "/told/graph", detach=True)
         docker_robot.wait(lambda: (tmp_path / "graph").exists())
-        docker_robot.declare(tree, policies={"policy": {"purge_shm": False}})
+        docker_robot.declare(tree)
         slow = [*PROGRAMS]
         for _ in range(ROUNDS):
             took = run_and_stop(docker_robot, slow, tmp_path)

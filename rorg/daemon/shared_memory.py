@@ -1,4 +1,5 @@
-"""Removes from /dev/shm what dead ROS 2 participants left: 0.6 MB each, which nothing else frees."""
+"""Removes from /dev/shm what dead ROS 2 participants left: 0.6 MB each, which nothing else frees. Only if the Policy
+says so, because a file does not show whether a container of this robot made it."""
 
 from __future__ import annotations
 

@@ -223,7 +223,8 @@ class PolicySpec(Strict):
         "Remove the registrations of killed ROS 1 nodes of this machine from the master.", False, True
     )
     purge_shm: bool = field(
-        "Remove what dead ROS 2 participants left in /dev/shm, when no ROS 2 service runs and no process uses it.",
-        False,
+        "Remove what dead ROS 2 participants left in the machine's /dev/shm, when no ROS 2 service runs and no process "
+        "uses it. It does not show who made it, so this concerns programs outside of rorg too.",
         True,
+        False,
     )

@@ -100,7 +100,7 @@ class Policy:
     resources: Mapping[str, int] = field(default_factory=dict)
     """Exclusive resource -> number of units; 1 if it is not listed."""
     purge_ros: bool = True
-    purge_shm: bool = True
+    purge_shm: bool = False
     removals: str = "ask"
     """ask or auto."""
     images: ImagePolicy = ImagePolicy()

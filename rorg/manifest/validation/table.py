@@ -141,5 +141,5 @@ ros2-local-with-remote-server: Nodes that are limited to their machine do not re
 sim-time-in-some: Transforms and timers of two times never meet: messages count as too old.
   try use_sim_time:=true for all of them
 shm-nearly-full (machine): A participant without shared memory dies of SIGBUS, or sends nothing.
-  try `mount -o remount,size=50% /dev/shm`, or remove what fills it
+  try `mount -o remount,size=50% /dev/shm`, or `purge_shm: true` in the Policy
 """
