@@ -108,7 +108,7 @@ class Node:
         """rorg starts."""
         self.up = True
         self.disk.incarnation += 1
-        self.links = {m: Link(LEASE) for m in NAMES if m != self.name}
+        self.links = {m: Link(LEASE, own=self.disk.incarnation) for m in NAMES if m != self.name}
         before = self.disk.granted
         self.granted = {m: links.resumed(g, self.now) for m, g in before.items()}
         self.promised = {m: g.renewal for m, g in before.items()}
@@ -140,9 +140,7 @@ class Node:
         self.disk.owned = Owned(self.owned.owned, self.owned.last)
         mine = [n for n, m in belongs.items() if m == self.name]
         unowned = {n: why for n in mine if (why := self.owned.waits(n, NAMES, self.name))}
-        known = peers(
-            self.desired.catalog, self.name, self.links, self.granted, unowned, self.disk.incarnation, self.now
-        )
+        known = peers(self.desired.catalog, self.name, self.links, self.granted, unowned, self.now)
         catalog = heard(self.desired, known.silent).catalog
         requests = (*catalog.requests, *self.disk.requests, *known.requests)
         self.wanted = wanted(catalog, requests, known.excluded)
@@ -223,7 +221,7 @@ class Node:
         if isinstance(message, Report):
             self.links[sender] = link.reported(message)
         else:
-            self.links[sender] = link.answered(message, self.disk.incarnation)
+            self.links[sender] = link.answered(message)
             if message.newest[0] == self.disk.incarnation:
                 self.owned = ownership.answered(self.owned, sender, message.newest[1], message)
         after = self.links[sender]

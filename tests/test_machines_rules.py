@@ -68,8 +68,8 @@ def endless(patch: pytest.MonkeyPatch) -> None:
 def counted_from_the_answer(patch: pytest.MonkeyPatch) -> None:
     original = Link.answered
 
-    def answered(self: Link, answer: Any, own: int) -> Link:
-        after = original(self, answer, own)
+    def answered(self: Link, answer: Any) -> Link:
+        after = original(self, answer)
         number = answer.newest[1]
         slow = [at for n, at in self.unanswered.items() if n > number]
         return replace(after, confirmed_at=max([after.confirmed_at or 0.0, *slow])) if after is not self else after

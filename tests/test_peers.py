@@ -33,7 +33,7 @@ REMOTE = Remote("running", True, True, "Healthy", "Synced", "0123456789ab@2026-0
 
 
 def known(renewal: Renewal, now: float = 1.0):
-    return peers(seen_from(CATALOG, "head"), "head", {}, {"base": Granted(renewal, 0.0)}, {}, 1, now)
+    return peers(seen_from(CATALOG, "head"), "head", {}, {"base": Granted(renewal, 0.0)}, {}, now)
 
 
 def test_a_machine_speaks_for_people_and_its_own_services_only():
@@ -61,7 +61,7 @@ def test_a_service_elsewhere_uses_nothing_here():
 
 
 def test_a_change_of_the_lease_must_be_confirmed_anew():
-    link = Link(10.0).sent(RENEWAL, 0.0).answered(Answer(1, (1, 1)), 1)
+    link = Link(10.0, own=1).sent(RENEWAL, 0.0).answered(Answer(1, (1, 1)))
     assert link.live(8.9)
     assert not link.live(9.0)
     assert not link.lasting(30.0).live(1.0)
@@ -69,7 +69,7 @@ def test_a_change_of_the_lease_must_be_confirmed_anew():
 
 
 def test_reports_of_an_earlier_rorg_and_older_ones_are_dropped():
-    link = Link(10.0).reported(Report(2, 5, (1, 1), {"camera": REMOTE}))
+    link = Link(10.0, own=1).reported(Report(2, 5, (1, 1), {"camera": REMOTE}))
     for late in (Report(1, 9, (1, 1)), Report(2, 4, (1, 1)), Report(2, 5, (1, 1))):
         assert link.reported(late) is link
     assert link.reported(Report(3, 0, (1, 1))).peer == 3
@@ -123,7 +123,7 @@ def answer(number: int, incarnation: int = 5, own: int = 1, report: Report | Non
 
 
 def test_a_renewal_is_due_three_times_per_lease_and_after_each_change():
-    first = Link(12.0)
+    first = Link(12.0, own=1)
     assert (first.next_at, first.number) == (0.0, 0)
     assert first.due(0.0, first.content)
     sent = first.sent(renewal(1, 1), 100.0)
@@ -132,7 +132,7 @@ def test_a_renewal_is_due_three_times_per_lease_and_after_each_change():
 
 
 def test_a_renewal_names_the_first_one_that_said_the_same():
-    new = Link(12.0)
+    new = Link(12.0, own=1)
     assert new.since_of(new.content) == 1, "nothing was said yet"
     sent = new.sent(renewal(1, 1, LOOK), 100.0)
     assert (sent.since_of(renewal(1, 1, LOOK).content), sent.since_of(new.content)) == (1, 2)
@@ -146,46 +146,52 @@ def test_a_renewal_names_the_first_one_that_said_the_same():
 
 
 def test_only_so_many_renewals_without_an_answer_are_remembered():
-    link = Link(12.0)
+    link = Link(12.0, own=1)
     for number in range(1, MOST_UNANSWERED + 3):
         link = link.sent(renewal(number, 1), float(number))
     assert list(link.unanswered) == list(range(3, MOST_UNANSWERED + 3))
-    assert link.answered(answer(2), 1).confirmed_at is None
+    assert link.answered(answer(2)).confirmed_at is None
 
 
 def test_an_answer_extends_the_lease_from_when_its_renewal_was_sent():
-    link = Link(10.0).sent(renewal(1, 1), 100.0).sent(renewal(2, 1), 103.0).sent(renewal(3, 1), 106.0)
+    link = Link(10.0, own=1).sent(renewal(1, 1), 100.0).sent(renewal(2, 1), 103.0).sent(renewal(3, 1), 106.0)
     assert (link.lost_at, link.live(100.0)) == (None, False)
-    second = link.answered(answer(2), 1)
+    second = link.answered(answer(2))
     assert (second.confirmed_at, second.lost_at, second.peer) == (103.0, 112.0, 5)
     assert second.unanswered == {3: 106.0}
-    assert second.answered(answer(3), 1).confirmed_at == 106.0
-    assert second.answered(answer(1), 1) == second, "it comes late"
+    assert second.answered(answer(3)).confirmed_at == 106.0
+    assert second.answered(answer(1)) == second, "it comes late"
     late = replace(second, unanswered={**second.unanswered, 1: 100.0})
-    assert late.answered(answer(1), 1).confirmed_at == 103.0
+    assert late.answered(answer(1)).confirmed_at == 103.0
 
 
-@pytest.mark.parametrize("more", [{"incarnation": 4}, {"own": 2}, {"own": 0}])
+@pytest.mark.parametrize("more", [{"incarnation": 4}, {"own": 0}])
 def test_an_answer_of_or_to_an_earlier_rorg_counts_for_nothing(more):
-    link = replace(Link(10.0).sent(renewal(1, 1), 100.0), peer=5)
-    assert link.answered(answer(1, **more), 1) is link
+    link = replace(Link(10.0, own=1).sent(renewal(1, 1), 100.0), peer=5)
+    assert link.answered(answer(1, **more)) is link
+
+
+def test_a_machine_that_knows_a_later_rorg_is_told_a_higher_number_and_has_confirmed_nothing():
+    link = Link(10.0, own=1).sent(renewal(1, 1), 100.0)
+    assert link.answered(answer(1, own=7)) == replace(link, own=8)
 
 
 def test_the_report_of_a_restarted_rorg_replaces_that_of_the_previous_one():
     report = Report(5, 1, (1, 1), {"camera": REMOTE})
-    link = Link(10.0).sent(renewal(1, 1), 100.0).answered(answer(1, report=report), 1)
+    link = Link(10.0, own=1).sent(renewal(1, 1), 100.0).answered(answer(1, report=report))
     assert (link.report, link.known(108.9), link.known(109.0)) == (report, report, None)
     next_link = link.sent(renewal(2, 1), 101.0)
-    assert next_link.answered(answer(2), 1).report == report
-    assert next_link.answered(answer(2, 6), 1).report is None
-    assert next_link.answered(answer(9, report=Report(5, 2, (1, 2))), 1).report.version == 2
+    assert next_link.answered(answer(2)).report == report
+    assert next_link.answered(answer(2, 6)).report is None
+    assert next_link.answered(answer(9, report=Report(5, 2, (1, 2)))).report.version == 2
     assert replace(link, report=None).reported(Report(4, 9, (1, 1))).report is None
 
 
 def test_what_the_other_machine_has_heard_is_in_its_report():
     link = Link(10.0).reported(Report(5, 1, (2, 7)))
-    assert [link.heard(*at) for at in ((2, 7), (2, 8), (1, 9), (3, 1))] == [True, False, True, False]
-    assert not Link(10.0).heard(1, 0)
+    heard = [replace(link, own=own).heard(number) for own, number in ((2, 7), (2, 8), (1, 9), (3, 1))]
+    assert heard == [True, False, True, False]
+    assert not Link(10.0, own=1).heard(0)
     assert REMOTE.alive
     assert not replace(REMOTE, incarnation="").alive
 
@@ -194,13 +200,13 @@ def test_what_the_other_machine_has_heard_is_in_its_report():
 
 
 REPORT = Report(5, 1, (1, 1), {"tour": REMOTE, "camera": replace(REMOTE, incarnation="")})
-CONFIRMED = Link(10.0).sent(renewal(1, 1), 50.0).answered(answer(1, report=REPORT), 1)
+CONFIRMED = Link(10.0, own=1).sent(renewal(1, 1), 50.0).answered(answer(1, report=REPORT))
 """Of the machine `base`, as `head` has it."""
 
 
-def seen(link: Link | None = CONFIRMED, now: float = 51.0, granted: dict | None = None, number: int = 1) -> Peers:
+def seen(link: Link | None = CONFIRMED, now: float = 51.0, granted: dict | None = None) -> Peers:
     links = {} if link is None else {"base": link}
-    return peers(seen_from(CATALOG, "head"), "head", links, granted or {}, {}, number, now)
+    return peers(seen_from(CATALOG, "head"), "head", links, granted or {}, {}, now)
 
 
 def test_a_report_says_how_the_services_of_its_machine_are():
@@ -219,7 +225,7 @@ def test_a_report_says_how_the_services_of_its_machine_are():
     ("link", "now", "why"),
     [
         (None, 51.0, "is on base, which has not answered yet"),
-        (Link(10.0), 51.0, "is on base, which has not answered yet"),
+        (Link(10.0, own=1), 51.0, "is on base, which has not answered yet"),
         (CONFIRMED, 59.0, "is on base, which does not answer (lease of 10 s)"),
         (replace(CONFIRMED, report=replace(REPORT, services={})), 51.0, "is not in the manifests of base"),
     ],

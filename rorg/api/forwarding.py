@@ -6,23 +6,25 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import http.client
+import sys
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
-from rorg.api.links import Peer, explanation
 from rorg.api.operations import Operations
+from rorg.api.peer import Peer, explanation
 from rorg.api.permissions import Caller, allow
 from rorg.api.problems import answer
 from rorg.api.tls import Tls
 from rorg.errors import Busy, Missing, Refused, RorgError, Unreachable
+from rorg.host.deadline import Deadline
 from rorg.model.machines import Machine
 
 MOST = 16
 """Calls that are forwarded at the same time: each has a thread."""
 PATIENCE = 10.0
-"""Seconds until the other machine must begin to answer; a wait there takes longer."""
+"""Seconds for a connection to the other machine; a wait there takes longer."""
 LONGEST = 3700.0
 """Seconds of silence within an answer: of those who follow logs or events, and of waits."""
 CHUNK, AHEAD = 1 << 16, 8
@@ -102,21 +104,19 @@ class Stream:
     def __init__(self, machine: Machine, tls: Tls, path: str) -> None:
         self.machine, self.path = machine, path
         self.room = threading.Semaphore(AHEAD)
-        self._peer, self._closed = Peer(machine, tls, PATIENCE), False
+        self._peer, self._closed = Peer(machine, tls), False
 
     def run(self, tell: Callable[[Item], object]) -> None:
         """Makes the call, and tells what comes. Returns when it has ended or was closed."""
         try:
-            connection = self._peer.connected()
-            assert connection.sock is not None
-            connection.sock.settimeout(LONGEST)
-            connection.request("GET", self.path)
-            response = connection.getresponse()
+            self._peer.connect(Deadline.within(PATIENCE))
+            response = self._peer.begin("GET", self.path, Deadline.within(LONGEST))
             headers = (
                 (name.lower().encode("latin-1"), value.encode("latin-1")) for name, value in response.getheaders()
             )
             tell((response.status, [header for header in headers if header[0] in KEPT]))
             while not self._closed and self.room.acquire(timeout=LONGEST):
+                self._peer.bound(Deadline.within(LONGEST), sys.maxsize)
                 chunk = response.read1(CHUNK)
                 if not chunk:
                     tell(None)

@@ -8,23 +8,20 @@ from __future__ import annotations
 
 import contextlib
 import http.client
-import json
 import os
-import socket
-import ssl
 import threading
 import time
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import TypeAdapter
 
-from rorg.api.limits import MOST_BODY
 from rorg.api.machine_routes import ANSWER, LONGEST_POLL, REPORT
+from rorg.api.peer import Peer, explanation
 from rorg.api.tls import Tls
 from rorg.core.links import Renewal
 from rorg.daemon.machines import Machines
+from rorg.host.deadline import Deadline
 from rorg.model.machines import Machine
 
 PATIENCE = 3.0
@@ -33,9 +30,25 @@ AGAIN = 1.0
 """Seconds until the next attempt after a failure."""
 IDLE = 1.0
 """Seconds after which a thread looks whether there is something to do, if nothing wakes it."""
+POLL, BURST = 0.2, 20
+"""Seconds between two questions for a report, after so many at once: a machine may have something new each time."""
+REMINDER = 60.0
+"""Seconds between two events about wrong answers of a machine."""
 NICE = -10
 """Of threads that send renewals, where rorg may have it (root): load must not delay them."""
 RENEWAL = TypeAdapter(Renewal)
+
+
+class Pace:
+    """Lets through `burst` calls at once, and then one each `interval` seconds."""
+
+    def __init__(self, burst: int, interval: float) -> None:
+        self.interval, self._saved, self._free_at = interval, burst * interval, 0.0
+
+    def delay(self, now: float) -> float:
+        """Return the seconds to wait before the next call; `now` is monotonic."""
+        self._free_at = max(self._free_at, now - self._saved) + self.interval
+        return max(0.0, self._free_at - now)
 
 
 class Links:
@@ -45,6 +58,8 @@ class Links:
         self.machines, self.tls = machines, tls
         self.stopping = threading.Event()
         self._running: dict[str, Machine] = {}
+        self._told: dict[str, float] = {}
+        """Machine -> when an event said that its answers are wrong."""
 
     def start(self) -> None:
         threading.Thread(target=self._keep, name="links", daemon=True).start()
@@ -74,7 +89,7 @@ class Links:
         """Sends renewals to a machine, each third of its lease and whenever there is something new to say."""
         with contextlib.suppress(OSError):
             os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICE)
-        peer = Peer(machine, self.tls, PATIENCE)
+        peer = Peer(machine, self.tls)
         while not self._ended(machine):
             with self.machines.changed:
                 due = self.machines.due(machine.name)
@@ -86,14 +101,15 @@ class Links:
             self._try(
                 machine,
                 lambda p=path, r=renewal: self.machines.answered(  # type: ignore[misc]
-                    machine.name, ANSWER.validate_json(peer.ask("PUT", p, RENEWAL.dump_json(r)))
+                    machine.name,
+                    ANSWER.validate_json(peer.ask("PUT", p, Deadline.within(PATIENCE), RENEWAL.dump_json(r))),
                 ),
             )
         peer.close()
 
     def _listen(self, machine: Machine) -> None:
         """Takes reports of a machine as they come."""
-        peer = Peer(machine, self.tls, LONGEST_POLL + PATIENCE)
+        peer, pace = Peer(machine, self.tls), Pace(BURST, POLL)
         while not self._ended(machine):
             link = self.machines.links.get(machine.name)
             if link is None or link.confirmed_at is None:
@@ -102,104 +118,28 @@ class Links:
             incarnation, version = link.report.stamp if link.report else (-1, -1)
             path = f"/v1/machines/{self.machines.here}/report?after={version}&incarnation={incarnation}"
             self._try(machine, partial(self._report, machine, peer, path))
+            self.stopping.wait(pace.delay(time.monotonic()))
         peer.close()
 
     def _report(self, machine: Machine, peer: Peer, path: str) -> None:
-        self.machines.reported(machine.name, REPORT.validate_json(peer.ask("GET", path)))
+        self.machines.reported(
+            machine.name, REPORT.validate_json(peer.ask("GET", path, Deadline.within(LONGEST_POLL + PATIENCE)))
+        )
 
     def _try(self, machine: Machine, call: Callable[[], None]) -> None:
-        """Makes a call to a machine; after a failure it waits, and the machine's link says why."""
+        """Makes a call to a machine; after a failure it waits, and the machine's link says why. An answer that is wrong
+        in itself is an event too, and whatever comes of it ends here: the machine may be hostile."""
         try:
             call()
             self.machines.trouble.pop(machine.name, None)
-        except (OSError, http.client.HTTPException, ValidationError, ValueError) as error:
-            self.machines.trouble[machine.name] = explanation(machine, error)
+        except Exception as error:
+            why = self.machines.trouble[machine.name] = explanation(machine, error)
+            if not isinstance(error, (OSError, http.client.HTTPException)):
+                self._tell(machine.name, why)
             self.stopping.wait(AGAIN)
 
-
-def explanation(machine: Machine, error: Exception) -> str:
-    """Why a call to a machine has failed."""
-    if isinstance(error, ssl.SSLCertVerificationError):
-        return f"{machine.address}: its certificate is not accepted: {error.verify_message}"
-    if isinstance(error, ValidationError):
-        return f"{machine.address} answers what this version of rorg does not know"
-    if isinstance(error, TimeoutError):
-        return f"{machine.address} does not answer"
-    return f"{machine.address}: {getattr(error, 'strerror', None) or error}"
-
-
-class Refusal(OSError):
-    """The other machine answered, with an error."""
-
-
-class Peer:
-    """A connection to the rorg of another machine, made again when it has broken."""
-
-    def __init__(self, machine: Machine, tls: Tls, timeout: float) -> None:
-        self.machine, self.tls, self.timeout = machine, tls, timeout
-        self._connection: http.client.HTTPSConnection | None = None
-
-    def ask(self, method: str, path: str, body: bytes | None = None) -> bytes:
-        """Returns the body of the answer. Raises OSError or HTTPException."""
-        began = time.monotonic()
-        try:
-            return self._ask(method, path, body)
-        except (ConnectionError, http.client.BadStatusLine, ssl.SSLEOFError):
-            if self._connection is None or time.monotonic() - began > AGAIN:
-                raise
-        finally:
-            if self._broken:
-                self.close()
-        # The other side has closed a connection that was idle, or was restarted.
-        self.close()
-        return self._ask(method, path, body)
-
-    _broken = False
-
-    def _ask(self, method: str, path: str, body: bytes | None) -> bytes:
-        self._broken = True
-        connection = self.connected()
-        connection.request(method, path, body, {"content-type": "application/json"} if body else {})
-        answer = connection.getresponse()
-        content = answer.read(MOST_BODY + 1)
-        if len(content) > MOST_BODY:
-            raise Refusal(f"answers with more than {MOST_BODY} bytes")
-        self._broken = False
-        if answer.status != 200:
-            raise Refusal(_problem(content, answer.status))
-        return content
-
-    def connected(self) -> http.client.HTTPSConnection:
-        """The connection, which is made if there is none. Raises OSError, also if another machine answers there."""
-        if self._connection is None:
-            host, _, port = self.machine.address.rpartition(":")
-            made = http.client.HTTPSConnection(
-                host.strip("[]"), int(port), timeout=self.timeout, context=self.tls.client
-            )
-            made.connect()
-            self._connection = made
-            name = common_name(made.sock.getpeercert())
-            if name != self.machine.certificate:
-                raise Refusal(f"its certificate is that of '{name}', not of {self.machine.certificate}")
-        return self._connection
-
-    def close(self) -> None:
-        if self._connection is not None:
-            self._connection.close()
-            self._connection = None
-
-    def hang_up(self) -> None:
-        """Ends what another thread waits for."""
-        with contextlib.suppress(OSError, AttributeError):
-            self._connection.sock.shutdown(socket.SHUT_RDWR)  # type: ignore[union-attr]
-
-
-def common_name(certificate: Any) -> str:
-    """The common name of a certificate, as the ssl module describes one."""
-    return str(dict(pair for part in (certificate or {}).get("subject", ()) for pair in part).get("commonName", ""))
-
-
-def _problem(content: bytes, status: int) -> str:
-    with contextlib.suppress(ValueError, KeyError, TypeError):
-        return str(json.loads(content)["cause"])
-    return f"answers with status {status}"
+    def _tell(self, machine: str, why: str) -> None:
+        now = time.monotonic()
+        if now - self._told.get(machine, -REMINDER) >= REMINDER:
+            self._told[machine] = now
+            self.machines.tell("link-refused", f"what {machine} answers counts for nothing: {why}")

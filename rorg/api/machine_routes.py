@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 from fastapi import FastAPI, Path, Query
 from fastapi.responses import Response
-from pydantic import BaseModel, Field, TypeAdapter
+from pydantic import AfterValidator, BaseModel, Field, TypeAdapter
 
 from rorg.api.callers import Who, accepted, needs
 from rorg.api.current import missing
@@ -15,10 +15,13 @@ from rorg.api.operations import Operations
 from rorg.api.permissions import Caller
 from rorg.api.read_routes import text
 from rorg.core.links import Answer, Renewal, Report
+from rorg.core.received import within_bounds
 from rorg.errors import Forbidden, Invalid, Refused
 from rorg.model.machines import LONGEST_LEASE, SHORTEST_LEASE
 
-ANSWER, REPORT = TypeAdapter(Answer), TypeAdapter(Report)
+ANSWER = TypeAdapter[Answer](Annotated[Answer, AfterValidator(within_bounds)])
+REPORT = TypeAdapter[Report](Annotated[Report, AfterValidator(within_bounds)])
+Received = Annotated[Renewal, AfterValidator(within_bounds)]
 LONGEST_POLL = 10.0
 """Seconds for which a machine waits for a new report."""
 MachineName = Annotated[str, Path(max_length=64)]
@@ -47,7 +50,7 @@ def add_machines(app: FastAPI, operations: Operations) -> None:
         return text(views(operations))
 
     @app.put("/v1/machines/{name}/renewal", dependencies=[needs("link")], response_model=Answer)
-    def renew(name: MachineName, renewal: Renewal, caller: Who) -> Response:
+    def renew(name: MachineName, renewal: Received, caller: Who) -> Response:
         """One machine tells another all its live requests, which count for the given time."""
         allow_link(caller, name)
         if renewal.machine != name or not SHORTEST_LEASE <= renewal.duration <= LONGEST_LEASE:
@@ -65,7 +68,7 @@ def add_machines(app: FastAPI, operations: Operations) -> None:
         deadline = asyncio.get_running_loop().time() + LONGEST_POLL
         while not operations.ending:
             event, left = operations.next_pass(), deadline - asyncio.get_running_loop().time()
-            if machines.incarnation != incarnation or machines.version > after or left <= 0:
+            if machines.own(name) != incarnation or machines.version > after or left <= 0:
                 break
             await asyncio.wait([asyncio.ensure_future(event.wait())], timeout=left)
         return Response(REPORT.dump_json(machines.report(name)), media_type="application/json")

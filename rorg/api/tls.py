@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rorg.errors import Invalid
+from rorg.host.bounded_http import trust
 
 
 @dataclass(eq=False)
@@ -37,7 +38,7 @@ class Tls:
     def _calling(self) -> ssl.SSLContext:
         """A context by which this rorg calls others, with the same certificate and authority. Raises Invalid."""
         try:
-            context = ssl.create_default_context(cafile=str(self.authority))
+            context = trust(str(self.authority))
             context.load_cert_chain(self.certificate, self.key)
         except (OSError, ssl.SSLError) as error:
             raise Invalid("call other machines", f"the certificates cannot be read: {error}") from error

@@ -167,6 +167,9 @@ class Link:
     """The sender's side of a lease. Times are of its own monotonic clock, in seconds."""
 
     duration: float
+    own: int = 0
+    """Incarnation of the rorg on this machine, as the other one is told. It is higher than the one counted here if the
+    other machine knows a later one."""
     number: int = 0
     """Of the last renewal sent."""
     sent_at: float | None = None
@@ -228,10 +231,13 @@ class Link:
             return link
         return replace(link, wants=renewal.wants, wants_since=renewal.number)
 
-    def answered(self, answer: Answer, own: int) -> Link:
-        """Note an answer. `own` is the incarnation that sent the renewals."""
+    def answered(self, answer: Answer) -> Link:
+        """Note an answer. If it is to a later rorg of this machine than any that was counted here, this one says a
+        higher number from now on, to that machine alone: what one machine claims means nothing to the others."""
         incarnation, number = answer.newest
-        if answer.incarnation < self.peer or incarnation != own:
+        if incarnation > self.own:
+            return replace(self, own=incarnation + 1)
+        if answer.incarnation < self.peer or incarnation != self.own:
             return self
         sent = self.unanswered.get(number)
         link = self if answer.incarnation == self.peer else replace(self, peer=answer.incarnation, report=None)
@@ -252,6 +258,6 @@ class Link:
         """Return how the other machine's services are; None while that is not known."""
         return self.report if self.live(now) else None
 
-    def heard(self, own: int, number: int) -> bool:
-        """Whether the last report takes renewal `number` into account. `own` is the incarnation that sent it."""
-        return self.report is not None and self.report.heard >= (own, number)
+    def heard(self, number: int) -> bool:
+        """Whether the last report takes renewal `number` into account."""
+        return self.report is not None and self.report.heard >= (self.own, number)

@@ -90,10 +90,9 @@ def peers(
     links: Mapping[str, Link],
     granted: Mapping[str, Granted],
     unowned: Mapping[str, str],
-    incarnation: int,
     now: float,
 ) -> Peers:
-    """Return what is known at `now`. `incarnation` is that of the rorg on this machine."""
+    """Return what is known at `now`."""
     live = {m: g.renewal for m, g in sorted(granted.items()) if g.live(now) and m in catalog.machines}
     known = {m: report for m, link in links.items() if (report := link.known(now)) is not None}
     remotes, unknown = _elsewhere(catalog, links, known)
@@ -104,7 +103,7 @@ def peers(
         {n: f"{why} (on {m})" for m, said in live.items() for n, why in said.excluded.items() if _is_of(catalog, n, m)},
         frozenset(catalog.machines) - {here} - live.keys(),
         remotes,
-        frozenset(m for m in known if not links[m].heard(incarnation, links[m].wants_since)),
+        frozenset(m for m in known if not links[m].heard(links[m].wants_since)),
         unknown,
         unowned,
         {
@@ -113,7 +112,7 @@ def peers(
             for n, r in report.services.items()
             if _is_of(catalog, n, here) and r.alive
         },
-        {m: links[m].said_at or 0.0 for m in known if links[m].heard(incarnation, links[m].since)},
+        {m: links[m].said_at or 0.0 for m in known if links[m].heard(links[m].since)},
         min((at for at in ends if at > now), default=None),
     )
 

@@ -19,6 +19,7 @@ from rorg.core.links import Answer, Content, Granted, Link, Remote, Renewal, Rep
 from rorg.core.observed import Observed
 from rorg.core.ownership import Owned
 from rorg.core.peers import NOBODY, Peers, heard, peers
+from rorg.core.received import LONGEST_REASON
 from rorg.core.schedule import told_since
 from rorg.core.status import Status, Statuses
 from rorg.errors import Unreachable
@@ -87,18 +88,18 @@ class Machines:
             present = {*observed.by_service(), *in_flight} | (set() if observed.complete else self.owned.owned)
             self.catalog, self._present = catalog, present
             self.links = {
-                name: self.links.get(name, Link(machine.lease)).lasting(machine.lease)
+                name: (self.links.get(name) or self._new_link(name, machine.lease)).lasting(machine.lease)
                 for name, machine in catalog.machines.items()
                 if name != here
             }
             belongs = self._belongs()
             numbers = {name: link.number for name, link in self.links.items()}
             self.owned = ownership.settled(self.owned, belongs, here, present, numbers)
-            self._write()
+            self._write(self.granted)
             mine = [name for name, machine in belongs.items() if machine == here]
             unowned = {n: why for n in mine if (why := self.owned.waits(n, self.links, here))}
             unowned |= {n: f"{self.path} cannot be written" for n in self.owned.owned - self._known.owned.owned}
-            known = peers(catalog, here, self.links, self.granted, unowned, self.incarnation, self.now())
+            known = peers(catalog, here, self.links, self.granted, unowned, self.now())
             self._heard = dict(self.granted)
         if self._desired is None or self._desired[0] is not desired or self._desired[1] != known.silent:
             self._desired = desired, known.silent, heard(desired, known.silent)
@@ -114,24 +115,34 @@ class Machines:
         for name, renewal in self._known.leases.items():
             self.granted.setdefault(name, resumed(Granted(renewal, now), now))
 
+    def _new_link(self, machine: str, lease: float) -> Link:
+        return Link(lease, own=self.incarnation + self._known.ahead.get(machine, 0))
+
+    def own(self, machine: str) -> int:
+        """Return the incarnation of this rorg, as a machine is told."""
+        link = self.links.get(machine)
+        return link.own if link else self.incarnation
+
     def _belongs(self) -> dict[str, str]:
         """Service -> machine. Once the robot has only one again, everything is that one's."""
         services = self.catalog.services.values()
         return {s.name: s.machine or self.here for s in services if not s.meta}
 
-    def _write(self) -> bool:
-        """Write down what has changed, because nothing that is not on the disk may have consequences; return whether
-        the disk has it."""
-        leases = {name: lease.renewal for name, lease in self.granted.items()}
+    def _write(self, granted: Mapping[str, Granted]) -> bool:
+        """Write down what has changed, with these leases, because nothing that is not on the disk may have
+        consequences; return whether the disk has it."""
+        leases = {name: lease.renewal for name, lease in granted.items()}
+        ahead = {**self._known.ahead, **{name: link.own - self.incarnation for name, link in self.links.items()}}
+        ahead = {name: more for name, more in ahead.items() if more}
         before = self._known
         same = before.leases.keys() == leases.keys() and all(
             said.wants == before.leases[n].wants and said.incarnation == before.leases[n].incarnation
             for n, said in leases.items()
         )
         owned = Owned(self.owned.owned, self.owned.last)
-        if same and (before.here, before.incarnation, before.owned) == (self.here, self.incarnation, owned):
+        known = Known(self.here, self.incarnation, owned, leases, ahead)
+        if same and known == replace(before, leases=leases):
             return True
-        known = Known(self.here, self.incarnation, owned, leases)
         try:
             machine_file.write(self.path, known)
         except OSError as error:
@@ -145,7 +156,9 @@ class Machines:
         if not self.here:
             return
         situation, services = decision.situation, decision.situation.desired.catalog.services
-        excluded = {n: why for n, why in situation.preempted.items() if self._excludes(n, situation.preempted)}
+        excluded = {
+            n: why[:LONGEST_REASON] for n, why in situation.preempted.items() if self._excludes(n, situation.preempted)
+        }
         requests = tuple(replace(r, incarnation=None) for r in decision.settled.requests)
         reported = self._reported(decision)
         with self.changed:
@@ -195,7 +208,7 @@ class Machines:
             status.health,
             status.sync,
             status.incarnation,
-            status.trouble or ("" if probed else "its probe has not answered yet"),
+            (status.trouble or ("" if probed else "its probe has not answered yet"))[:LONGEST_REASON],
         )
 
     def questions(self) -> Mapping[str, float]:
@@ -216,7 +229,7 @@ class Machines:
         """Return the next renewal for a machine, which is sent now."""
         link, content = self.links[machine], self._content[machine]
         number, since = link.number + 1, link.since_of(content)
-        renewal = Renewal(self.here, self.boot, self.incarnation, number, since, link.duration, *content)
+        renewal = Renewal(self.here, self.boot, link.own, number, since, link.duration, *content)
         self.links[machine] = link.sent(renewal, self.now())
         return renewal
 
@@ -228,16 +241,13 @@ class Machines:
             before = self.granted.get(renewal.machine)
             lease = grant(before, renewal, self.now())
             if lease is not None:
-                self.granted[renewal.machine] = lease
-                if not self._write():
-                    self.granted = (
-                        {**self.granted, renewal.machine: before}
-                        if before
-                        else {n: g for n, g in self.granted.items() if n != renewal.machine}
-                    )
+                granted = {**self.granted, renewal.machine: lease}
+                if not self._write(granted):
                     raise Unreachable("renew the lease", f"{self.path} cannot be written")
+                self.granted = granted
                 if before is None or before.renewal.changed != renewal.changed:
-                    self._since.update({name: self.clock() for name, _ in renewal.asking})
+                    here = (name for name, _ in renewal.asking if name in self.catalog.services)
+                    self._since.update(dict.fromkeys(here, self.clock()))
                     self.wake()
                 elif before is not None and not before.live(self.now()):
                     self.wake()
@@ -245,12 +255,13 @@ class Machines:
             belongs = self._belongs()
             owned = replace(self.owned, owned=self.owned.owned | self._known.owned.owned)
             released, kept = ownership.replies(owned, belongs, self.here, self._present, newest.takes)
-            return Answer(self.incarnation, newest.stamp, released, kept, self.report(renewal.machine))
+            report = self.report(renewal.machine)
+            return Answer(report.incarnation, newest.stamp, released, kept, report)
 
     def report(self, machine: str) -> Report:
         """Return how the services of this machine are, for another machine."""
         said = self._told.get(machine)
-        return Report(self.incarnation, self.version, said.renewal.stamp if said else (0, 0), self.services)
+        return Report(self.own(machine), self.version, said.renewal.stamp if said else (0, 0), self.services)
 
     def answered(self, machine: str, answer: Answer) -> None:
         """Take the answer of another machine to a renewal."""
@@ -258,13 +269,12 @@ class Machines:
             link = self.links.get(machine)
             if link is None:
                 return
-            after, owned = link.answered(answer, self.incarnation), self.owned
-            if answer.newest[0] == self.incarnation:
+            after, owned = link.answered(answer), self.owned
+            if answer.newest[0] == link.own:
                 owned = ownership.answered(owned, machine, answer.newest[1], answer)
-            if answer.newest[0] > self.incarnation:
+            if after.own != link.own:
                 known = f"{machine} knows a later rorg of {self.here}"
                 self.tell("superseded", f"{known}: its state directory was new, or two computers have this name")
-                self.incarnation = answer.newest[0] + 1
             now = self.now()
             news = after.report is not link.report or after.live(now) != link.live(now) or owned != self.owned
             self.links[machine], self.owned = after, owned
@@ -286,5 +296,5 @@ class Machines:
         with self.changed:
             numbers = {name: link.number for name, link in self.links.items()}
             self.owned = ownership.settled(self.owned, self._belongs(), self.here, self._present, numbers, names)
-            self._write()
+            self._write(self.granted)
         self.wake()

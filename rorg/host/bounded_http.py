@@ -54,20 +54,23 @@ class Secured(Connection, ssl.SSLSocket):  # type: ignore[misc]  # typeshed name
     """The same by TLS."""
 
 
-def secured(connection: Connection, host: str) -> Secured:
-    """TLS over a connection, with a peer that proves to be this host. Raises OSError."""
+def secured(connection: Connection, host: str, context: ssl.SSLContext | None = None) -> Secured:
+    """TLS over a connection, with a peer that proves to be this host. `context` by trust(); by default it trusts the
+    authorities of this machine. Raises OSError."""
     connection.settimeout(connection.deadline.left())
-    encrypted: Secured = _context().wrap_socket(connection, server_hostname=host)  # type: ignore[assignment]
+    encrypted: Secured = (context or _context()).wrap_socket(connection, server_hostname=host)  # type: ignore[assignment]
     encrypted.bound(connection.deadline, connection.most)
     return encrypted
 
 
-@cache
-def _context() -> ssl.SSLContext:
-    """Trusts the authorities of this machine."""
-    context = ssl.create_default_context()
+def trust(authority: str | None = None) -> ssl.SSLContext:
+    """A context that trusts the authorities in a file, or those of this machine. Raises OSError."""
+    context = ssl.create_default_context(cafile=authority)
     context.sslsocket_class = Secured
     return context
+
+
+_context = cache(trust)
 
 
 def connect(host: str, port: int, deadline: Deadline, most: int = HEAD) -> Connection:

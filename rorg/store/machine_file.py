@@ -10,6 +10,7 @@ from typing import Any
 
 from rorg.core.links import Renewal
 from rorg.core.ownership import Owned
+from rorg.core.received import is_within_bounds
 from rorg.errors import Invalid
 from rorg.model.catalog import Request
 from rorg.store.files import read_state, write_atomic
@@ -27,16 +28,21 @@ class Known:
     """How often rorg has begun here."""
     owned: Owned = Owned()
     leases: Mapping[str, Renewal] = field(default_factory=dict)
+    ahead: Mapping[str, int] = field(default_factory=dict)
+    """Machine -> how much higher an incarnation it is told, because it knew a later one."""
 
 
 def read(path: Path) -> Known:
-    """Read the file; a missing one says nothing. Raises Invalid if it cannot be read: without it, rorg would not know
-    which services may run here."""
+    """Read the file; a missing one says nothing. Numbers and leases that no message may have are left out: the other
+    machines say again what they know. Raises Invalid if it cannot be read: without it, rorg would not know which
+    services may run here."""
     try:
         told = json.loads(read_state(path))
         owned = Owned(frozenset(map(str, told["owned"])), {str(n): str(m) for n, m in told["last"].items()})
-        leases = {str(m): _renewal(said) for m, said in told["leases"].items()}
-        return Known(str(told["here"]), int(told["incarnation"]), owned, leases)
+        leases = {str(m): lease for m, said in told["leases"].items() if is_within_bounds(lease := _renewal(said))}
+        ahead = {str(m): int(more) for m, more in told.get("ahead", {}).items() if is_within_bounds(more)}
+        incarnation = int(told["incarnation"])
+        return Known(str(told["here"]), incarnation if is_within_bounds(incarnation) else 0, owned, leases, ahead)
     except (FileNotFoundError, NotADirectoryError):
         return Known()
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
@@ -54,6 +60,7 @@ def write(path: Path, known: Known) -> None:
         "incarnation": known.incarnation,
         "owned": sorted(known.owned.owned),
         "last": dict(sorted(known.owned.last.items())),
+        "ahead": dict(sorted(known.ahead.items())),
         "leases": {machine: _plain(renewal) for machine, renewal in sorted(known.leases.items())},
     }
     write_atomic(path, json.dumps(told, indent=1) + "\n")

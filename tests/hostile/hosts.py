@@ -5,9 +5,11 @@ from __future__ import annotations
 import contextlib
 import itertools
 import socket
+import ssl
 import threading
 import xmlrpc.client
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 Say = Callable[[], Iterator[bytes]]
@@ -69,11 +71,11 @@ XML = {
 
 
 class Host:
-    """Answers each connection, asked or not, with what `say` gives."""
+    """Answers each connection, asked or not, with what `say` gives; by TLS with `tls`."""
 
-    def __init__(self, say: Say) -> None:
-        self.say, self.asked = say, 0
-        self._listener = socket.create_server(("127.0.0.1", 0), backlog=100)
+    def __init__(self, say: Say, tls: ssl.SSLContext | None = None, port: int = 0) -> None:
+        self.say, self.tls, self.asked = say, tls, 0
+        self._listener = socket.create_server(("127.0.0.1", port), backlog=100)
         self.port = self._listener.getsockname()[1]
         self.url = f"http://127.0.0.1:{self.port}/"
         self._open: list[socket.socket] = []
@@ -88,16 +90,26 @@ class Host:
                 threading.Thread(target=self._answer, args=(connection,), daemon=True).start()
 
     def _answer(self, connection: socket.socket) -> None:
-        with contextlib.suppress(OSError), connection:
-            connection.recv(65536)
-            for text in self.say():
-                connection.sendall(text)
-            connection.shutdown(socket.SHUT_WR)
-            while connection.recv(65536):  # closed with something unread, its answer would be lost
-                pass
+        with contextlib.suppress(OSError), self.tls.wrap_socket(connection, True) if self.tls else connection as asked:
+            self.serve(asked)
+
+    def serve(self, connection: socket.socket) -> None:
+        connection.recv(65536)
+        for text in self.say():
+            connection.sendall(text)
+        connection.shutdown(socket.SHUT_WR)
+        while connection.recv(65536):  # closed with something unread, its answer would be lost
+            pass
 
     def close(self) -> None:
         for each in (self._listener, *self._open):
             with contextlib.suppress(OSError):
                 each.shutdown(socket.SHUT_RDWR)
             each.close()
+
+
+def with_certificate(folder: Path, name: str) -> ssl.SSLContext:
+    """The context of a server with a certificate that `rorg certificate` has made."""
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(folder / f"{name}.pem", folder / f"{name}.key")
+    return context
