@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from rorg.core.desired import desire
 from rorg.core.links import MOST_UNANSWERED, Answer, Granted, Link, Remote, Renewal, Report, grant
 from rorg.core.ownership import Owned
 from rorg.core.peers import Peers, heard, peers, seen_from, stand_ins
+from rorg.core.received import MOST_CHARACTERS, MOST_ITEMS, is_within_bounds
 from rorg.errors import Invalid
 from rorg.model.catalog import DEVELOPER, Catalog, Request, Service
 from rorg.model.machines import Machine
@@ -88,6 +90,37 @@ def test_the_file_of_a_machine_is_read_back_whole(tmp_path):
     write(tmp_path / "machine.json", written)
     assert read(tmp_path / "machine.json") == written
     assert read(tmp_path / "nosuch" / "machine.json") == Known()
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        2**63,
+        -(2**63),
+        math.inf,
+        math.nan,
+        "x" * (MOST_CHARACTERS + 1),
+        (1,) * (MOST_ITEMS + 1),
+        {"a": ("b", 2**63)},
+        replace(RENEWAL, requests=(Request("a", "tour", ("camera",), ttl=math.inf),)),
+    ],
+)
+def test_a_value_out_of_bounds_is_refused(value):
+    assert not is_within_bounds(value)
+
+
+def test_usual_values_are_within_bounds():
+    assert is_within_bounds(replace(RENEWAL, asking=(("camera", 1.5),), number=2**63 - 1, excluded={"tour": "held"}))
+    assert is_within_bounds(Report(1, -(2**62), (1, 1), {"tour": REMOTE, "camera": None}))
+
+
+def test_what_is_out_of_bounds_on_the_disk_is_left_out(tmp_path):
+    """An earlier version has written it. The other machines say again what they know."""
+    bad = replace(RENEWAL, number=2**70)
+    owned = Owned(frozenset({"camera"}), {"tour": "base"})
+    path = tmp_path / "machine.json"
+    write(path, Known("head", 10**4299, owned, {"base": bad, "arm": RENEWAL}, {"base": 10**4299, "arm": 3}))
+    assert read(path) == Known("head", 0, owned, {"arm": RENEWAL}, {"arm": 3})
 
 
 @pytest.mark.parametrize(
