@@ -240,6 +240,21 @@ def test_a_moved_service_waits_for_its_former_computer_or_a_person(tmp_path):
         team.down()
 
 
+def test_a_computer_is_taken_down_although_services_of_another_one_need_what_it_runs(team):
+    """A person's word ends its leases, and the other computer is told what it has lost."""
+    base, jetson = both(team)
+    base.ask("t1", "tour")
+    base.wait("tour")
+    run = base.services()["navigation"]["incarnation"]
+    done = jetson.rorg("down", "--yes", "--timeout", "30s")
+    assert done.returncode == 0, done.stderr
+    wait_for(lambda: any(e["service"] == "localization" for e in base.events("lost")), 10, "the loss")
+    assert base.services()["navigation"]["incarnation"] == run, "nothing stops because of a link"
+    jetson.start()
+    base.wait("tour")
+    assert jetson.ready("camera")
+
+
 def test_a_service_restarts_with_one_that_it_needs_on_another_computer(team):
     """As ROS nodes must with the master."""
     base, jetson = both(team)

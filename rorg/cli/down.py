@@ -68,11 +68,11 @@ def _developed_in(context: Context) -> list[str]:
 
 
 def _rows(services: dict[str, Any]) -> list[dict[str, str]]:
-    """The services that have a container."""
+    """The services that have a container of this machine."""
     return [
         {"name": name, "state": s["state"], "remark": "driver: moves hardware" if s["driver"] else ""}
         for name, s in sorted(services.items())
-        if s["state"] not in ("meta", "none")
+        if s["container"]
     ]
 
 
@@ -149,7 +149,8 @@ def _alone(context: Context, yes: bool, keep_requests: bool, volumes: bool, forg
     containers, last = context.engine().list(), read_kept(context.state.path).catalog
     known = last.services if last else {}
     there = {
-        c.service: {"state": c.state, "driver": c.service in known and known[c.service].driver} for c in containers
+        c.service: {"state": c.state, "container": c.id, "driver": c.service in known and known[c.service].driver}
+        for c in containers
     }
     rows = [*_rows(there), *_object_rows(_ours(context), volumes)]
     _consent(context, rows, len(context.document().requests), keep_requests, forget, yes)

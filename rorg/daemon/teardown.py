@@ -22,8 +22,9 @@ class Teardown:
         """Return the inputs of a pass that takes the robot down."""
         if self._made is None or self._made[0] is not inputs.desired:
             self._made = inputs.desired, teardown(inputs.desired, inputs.memory.kept.catalog)
-        # Leases of other machines keep nothing here from being taken down.
-        peers = replace(inputs.peers, requests=(), excluded={}, unowned={})
+        # Neither leases of other machines nor their services, whose needs go, keep anything here.
+        unknown = dict.fromkeys((*inputs.peers.remotes, *inputs.peers.unknown), "is elsewhere; this machine goes down")
+        peers = replace(inputs.peers, requests=(), excluded={}, unowned={}, remotes={}, unknown=unknown)
         return replace(
             inputs, desired=self._made[1], peers=peers, requests=(), restarts={}, holds={}, removals=True, down=True
         )
