@@ -53,7 +53,7 @@ class Peer:
             self.close()
             raise
         if answer.status != 200:
-            raise Refusal(_problem(content, answer.status))
+            raise Refusal(problem_of(content, answer.status))
         return content
 
     def begin(self, method: str, path: str, deadline: Deadline, body: bytes | None = None) -> http.client.HTTPResponse:
@@ -110,7 +110,8 @@ def common_name(certificate: Any) -> str:
     return str(dict(pair for part in (certificate or {}).get("subject", ()) for pair in part).get("commonName", ""))
 
 
-def _problem(content: bytes, status: int) -> str:
+def problem_of(content: bytes, status: int) -> str:
+    """Why a call was refused, by the body of the answer; it may be anything."""
     with contextlib.suppress(ValueError, KeyError):
-        return str(PROBLEM.validate_json(content)["cause"])
+        return str(PROBLEM.validate_json(content)["cause"])[:LONGEST_REASON]
     return f"answers with status {status}"

@@ -38,8 +38,7 @@ class Tls:
     def _calling(self) -> ssl.SSLContext:
         """A context by which this rorg calls others, with the same certificate and authority. Raises Invalid."""
         try:
-            context = trust(str(self.authority))
-            context.load_cert_chain(self.certificate, self.key)
+            context = trust(str(self.authority), str(self.certificate), str(self.key))
         except (OSError, ssl.SSLError) as error:
             raise Invalid("call other machines", f"the certificates cannot be read: {error}") from error
         return context

@@ -63,9 +63,12 @@ def secured(connection: Connection, host: str, context: ssl.SSLContext | None = 
     return encrypted
 
 
-def trust(authority: str | None = None) -> ssl.SSLContext:
-    """A context that trusts the authorities in a file, or those of this machine. Raises OSError."""
+def trust(authority: str | None = None, certificate: str | None = None, key: str | None = None) -> ssl.SSLContext:
+    """A context that trusts the authorities in a file, or those of this machine, and shows a certificate if there is
+    one. Raises OSError."""
     context = ssl.create_default_context(cafile=authority)
+    if certificate:
+        context.load_cert_chain(certificate, key)
     context.sslsocket_class = Secured
     return context
 
@@ -91,10 +94,15 @@ def connect(host: str, port: int, deadline: Deadline, most: int = HEAD) -> Conne
 
 @contextlib.contextmanager
 def answer(
-    url: str, deadline: Deadline, most: int = HEAD, body: bytes | None = None, headers: Mapping[str, str] | None = None
+    url: str,
+    deadline: Deadline,
+    most: int = HEAD,
+    body: bytes | None = None,
+    headers: Mapping[str, str] | None = None,
+    trusted: ssl.SSLContext | None = None,
 ) -> Iterator[http.client.HTTPResponse]:
     """The answer of an http:// or https:// URL to a GET, or to a POST of `body`, after its head; read its body within
-    the block. Raises OSError for any failure, also for something that is not HTTP."""
+    the block. `trusted` by trust(). Raises OSError for any failure, also for something that is not HTTP."""
     host, port = place_of(url, *PORTS)
     parts = urlsplit(url)
     asked = http.client.HTTPConnection(host, port)
@@ -102,7 +110,7 @@ def answer(
     try:
         asked.sock = connection = connect(host, port, deadline, most)
         if parts.scheme == "https":
-            asked.sock = secured(connection, host)
+            asked.sock = secured(connection, host, trusted)
         asked.request("GET" if body is None else "POST", path, body, {"Connection": "close", **(headers or {})})
         with asked.getresponse() as response:
             yield response
