@@ -275,6 +275,54 @@ def test_a_change_is_rolled_out_and_one_that_fails_is_undone(team, swarm):
     assert len(client(swarm).get("/services")) == 1
 
 
+def test_an_edit_while_the_previous_one_bakes_takes_its_place(team, swarm):
+    anywhere = team.computers["any"]
+
+    def edit(edition: str) -> None:
+        planner = {**ROBOT["planner"], "update": {"bake": "4s"}, "container": {"environment": {"EDITION": edition}}}
+        team.declare({**ROBOT, "planner": planner})
+
+    def running() -> list[str]:
+        rows = client(swarm).get("/tasks", filters={"desired-state": ["running"]})
+        specs = [t["Spec"]["ContainerSpec"] for t in rows if t["Status"]["State"] == "running"]
+        return [e for spec in specs for e in spec.get("Env") or () if e.startswith("EDITION")]
+
+    edit("1")
+    anywhere.ask("p", "planner")
+    wait_for(lambda: running() == ["EDITION=1"], 30, "the first edition")
+    wait_for(lambda: anywhere.client.plan()["waitings"] == [], 30, "nothing on trial")
+    service = client(swarm).get("/services")[0]["ID"]
+    edit("2")
+    wait_for(lambda: running() == ["EDITION=2"], 30, "the second edition on trial")
+    edit("3")
+    wait_for(lambda: running() == ["EDITION=3"], 30, "the third edition in its place")
+    wait_for(lambda: client(swarm).get("/configs") == [], 30, "it to be proven")
+    failed = [(e["verb"], e["error"]) for e in anywhere.events("failed") if e["service"] == "planner"]
+    assert failed == []
+    assert [s["ID"] for s in client(swarm).get("/services")] == [service]
+    assert anywhere.services()["planner"]["health"] == "Healthy"
+
+
+def test_what_a_person_has_scaled_is_a_difference_and_is_set_back(team, swarm):
+    anywhere = team.computers["any"]
+    anywhere.ask("p", "planner")
+    anywhere.wait("planner")
+    assert anywhere.rorg("suspend", "--for", "1m").returncode == 0
+    row = client(swarm).get("/services")[0]
+    spec = {**row["Spec"], "Mode": {"Replicated": {"Replicas": 3}}}
+    client(swarm).post(f"/services/{row['ID']}/update", spec, version=row["Version"]["Index"])
+    wait_for(lambda: "replicas: 3 -> 1" in anywhere.rorg("diff").stdout, 30, "the difference")
+    assert anywhere.services()["planner"]["sync"] == "OutOfSync"
+    assert anywhere.rorg("suspend", "--end").returncode == 0
+
+    def replicas() -> int:
+        return client(swarm).get("/services")[0]["Spec"]["Mode"]["Replicated"]["Replicas"]
+
+    wait_for(lambda: replicas() == 1, 30, "one of it to be left")
+    wait_for(lambda: len(client(swarm).get("/containers/json")) == 1, 30, "the others to end")
+    wait_for(lambda: "No differences." in anywhere.rorg("diff").stdout, 30, "no difference")
+
+
 def test_a_killed_rorg_finds_all_again(team, swarm):
     anywhere = team.computers["any"]
     anywhere.ask("p", "planner")

@@ -21,6 +21,10 @@ from rorg.model.options import LIVE, OPTIONS
 from rorg.model.ports import parse_expose, parse_ports
 from rorg.model.volumes import parse_device, parse_tmpfs, parse_volume, same_path
 
+REPLICAS = "replicas"
+"""The live value of how many of a container are to run. rorg makes one; only a person can have asked a Swarm for more.
+No manifest names it, and it is set back in place."""
+
 
 @dataclass(frozen=True, slots=True)
 class Difference:
@@ -63,6 +67,8 @@ def difference(container: Container, spec: Spec, digest: str, now: Mapping[str, 
         and normal(option, container.live[option]) != normal(option, spec[option])
         and (not changed or option in written)
     }
+    if container.live.get(REPLICAS, 1) != 1:
+        live[REPLICAS] = 1
     in_place = {"container_name", *(k for k in set_options if k in written)}
     return Difference(tuple(k for k in changed if k not in in_place), live)
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from rorg.core.deferred import left_over
 from rorg.core.devices import NODES, given, nodes_of, replugged
-from rorg.core.diff import Difference, declared_anew, difference
+from rorg.core.diff import REPLICAS, Difference, declared_anew, difference
 from rorg.core.digest import Rules, labels
 from rorg.core.idle import cease
 from rorg.core.joining import can_return, is_made_ahead, missing, moved, with_ids
@@ -60,7 +60,7 @@ class _Reconciled:
         if current is None:
             new_name = self.free_name([c for c, _ in stale])
             steps.append(self.create(new_name, stale, swap.old))
-        others = self.clear([p for p in stale if p[0] is not swap.old], True)
+        others = self.clear([p for p in stale if not (p[0] is swap.old or self.rolls_over(p[0], current))], True)
         # The trial goes on beside these removals, so they are not part of a replacement.
         steps += [replace(step, surplus=True) for step in others] if swap.under_way else others
         if swap.old:
@@ -70,7 +70,7 @@ class _Reconciled:
             self.notes += left_over(self.view, self.service, current[0])
         elif new_name != self.service.container_name and self.s.engine.rename:
             steps.append(Step(Rename(name=self.service.container_name), "it takes over the name"))
-        if swap.old and swap.old.alive and not self.rolls_over():
+        if swap.old and swap.old.alive and not self.rolls_over(swap.old, current):
             steps.append(stop(swap.old, "changed", self.service))
         steps += self.run(current and current[0], steps, self.desired.editions[name] if swap.old else "")
         if swap.under_way:
@@ -86,7 +86,7 @@ class _Reconciled:
         nodes = (NODES,) if not declared.recreate and replugged(container, self.nodes) else ()
         networks = ("networks",) if self.on_another(container) else ()
         more = (*nodes, *networks, *self.not_in_place(container, declared))
-        live = declared.live if self.s.engine.update else {}
+        live = {k: v for k, v in declared.live.items() if self.s.engine.update or k == REPLICAS}
         return replace(declared, recreate=(*declared.recreate, *more), live=live) if more or not live else declared
 
     def not_in_place(self, container: Container, declared: Difference) -> tuple[str, ...]:
@@ -193,9 +193,9 @@ class _Reconciled:
         name = f"{self.service.container_name}.{old.digest.partition(':')[2][:8] or old.id[:8]}"
         return [Step(Rename(container=old.id, name=name), "changed")]
 
-    def rolls_over(self) -> bool:
+    def rolls_over(self, old: Container, new: tuple[Container, Difference] | None) -> bool:
         """Return whether the start of the new container ends the old one's run."""
-        return self.s.engine.rolls and self.name in self.s.wanted
+        return old.alive and self.s.engine.rolls and self.name in self.s.wanted and not (new and new[0].active)
 
     def keeps(self, has_one: bool) -> bool:
         """Return whether it has a container while unwanted. A container removed at the end of idling is not created

@@ -10,6 +10,7 @@ import time
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any
 
+from rorg.core.diff import REPLICAS
 from rorg.core.observed import LABEL_SERVICE, LABEL_STATE, Container, FoundObjects
 from rorg.engines.docker.body import Body
 from rorg.engines.docker.create import other_rorg
@@ -101,9 +102,10 @@ class SwarmEngine(Inside):
         mounts = [(v["source"], v["target"]) for v in spec.get("volumes", ()) if _of_tree(v)]
         marks = {**labels, **self._labels, LABEL_MOUNTS: json.dumps(mounts)}
         body = service_spec(name, kept, marks, container)
-        there = self.cluster.look().services_named(labels[LABEL_SERVICE])
-        if any(name == s["Spec"]["Name"] or name.startswith(f"{s['Spec']['Name']}.") for s in there):
-            self._park(body, {NAMED: name})
+        there = [s["Spec"]["Name"] for s in self.cluster.look().services_named(labels[LABEL_SERVICE])]
+        taken = next((own for own in there if name == own or name.startswith(f"{own}.")), "")
+        if taken:  # its own name has a dot, which the Swarm refuses
+            self._park({**body, "Name": taken}, {NAMED: name})
         else:
             self._make(body)
         return container
@@ -225,8 +227,13 @@ class SwarmEngine(Inside):
     def rename(self, container: str, name: str) -> None:  # noqa: ARG002 - of Engine
         raise unsupported(self.name, "rename", container)
 
-    def update(self, container: str, options: Mapping[str, Any]) -> None:  # noqa: ARG002 - of Engine
-        raise unsupported(self.name, "update", container)
+    def update(self, container: str, options: Mapping[str, Any]) -> None:
+        """Have one task again. No other option changes in place."""
+        service = self.cluster.look().service_of(container)
+        if options.keys() != {REPLICAS} or service is None:
+            raise unsupported(self.name, "update", container)
+        spec = {**service["Spec"], "Mode": {"Replicated": {"Replicas": options[REPLICAS]}}}
+        self._update(f"scale {spec['Name']}", service, spec)
 
     # -- networks ----------------------------------------------------------------------------------------------
 

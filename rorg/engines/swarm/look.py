@@ -14,6 +14,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from rorg.core.diff import REPLICAS
 from rorg.core.digest import declared_of
 from rorg.core.observed import LABEL_DECLARED, LABEL_OWNER, LABEL_SERVICE, Container, from_labels
 from rorg.engines.swarm.body import CONTAINER
@@ -129,7 +130,7 @@ class Look:
             exit_code=task.exit_code if task else _exit_code(labels) if state == "exited" else None,
             error=self._error(mine, task),
             created_at=service["CreatedAt"],
-            live=live_of(labels),
+            live={**live_of(labels), REPLICAS: max(1, replicas_of(spec))},
             networks=dict.fromkeys(declared_of(labels.get(LABEL_DECLARED, "")).get("networks") or (), ""),
             health="healthy" if state == "running" and _has_check(spec) else "",
             node=str(node.get("Description", {}).get("Hostname", "")),
@@ -172,7 +173,7 @@ def labels_of(spec: Row) -> Mapping[str, str]:
 
 
 def replicas_of(spec: Row) -> int:
-    """Return how many tasks a service is to have: 0 or 1."""
+    """Return how many tasks a service is to have: 0 or 1, unless a person has scaled it."""
     return int((spec.get("Mode", {}).get("Replicated") or {}).get("Replicas") or 0)
 
 
