@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from rorg.history.database import Database, reading
-from rorg.history.journal import ABOUT, ENTRY, Journal
+from rorg.history.journal import ABOUT, ENTRY, Journal, checksum
 from rorg.model.units import stamp
 
 
@@ -26,7 +26,8 @@ def owned(path: Path) -> Journal:
 def write_many(path: Path, number: int, message: str, **more: object) -> None:
     """So many entries at once."""
     database = Database(path, wall)
-    rows = [(seq, wall(), "told", message, 0, json.dumps(more)) for seq in range(1, number + 1)]
+    entries = [(seq, wall(), "told", message, 0, json.dumps(more)) for seq in range(1, number + 1)]
+    rows = [(*entry, checksum(*entry)) for entry in entries]
     about = [(more["service"], seq) for seq in range(1, number + 1) if "service" in more]
     assert database.write([(ENTRY, rows), (ABOUT, about)])
     database.close()

@@ -11,6 +11,7 @@ from commands import rorg
 from robots import RealRobot
 
 from rorg.core.doctor import ERROR, OK, WARNING, examine
+from rorg.history.journal import fault
 from rorg.host import installation as host
 from rorg.model.installation import Installation, Space
 
@@ -31,6 +32,7 @@ WRONG = [
     ({"pressure": False}, "pressure", WARNING, "psi=1"),
     ({"state_error": "you may not write to /var/lib"}, "state-directory", ERROR, "RORG_STATE_DIR"),
     ({"journal_error": "file is not a database"}, "journal", ERROR, "systemctl restart rorg"),
+    ({"journal_damaged": ("/var/lib/rorg/journal.damaged-1.db",)}, "journal", WARNING, "sqlite3 FILE .recover"),
     ({"answers": False}, "rorg", ERROR, "journalctl -u rorg"),
     ({"answers": False, "running": 0}, "rorg", WARNING, "rorg run"),
     ({"socket_error": "you are not in the group rorg"}, "rorg", ERROR, "group"),
@@ -153,9 +155,9 @@ def test_a_directory_that_is_not_there_yet_is_judged_by_where_it_would_be(tmp_pa
 
 def test_a_spoilt_history_is_known(tmp_path):
     path = tmp_path / "journal.db"
-    assert host.journal_error(path) == ""
+    assert fault(path) == ""
     path.write_bytes(b"no database" * 1000)
-    assert "not a database" in host.journal_error(path)
+    assert "not a database" in fault(path)
 
 
 def test_the_kernel_knows_whether_its_clock_is_kept_right():

@@ -45,6 +45,8 @@ def command(context: RobotEngine, output: Output = "table") -> None:
 
 
 def _facts(context: Context) -> Installation:
+    from rorg.history.damage import damaged_files
+    from rorg.history.journal import fault
     from rorg.host import installation as host
     from rorg.host.git import refusal
     from rorg.host.machine import gather
@@ -63,7 +65,8 @@ def _facts(context: Context) -> Installation:
         pressure=os.path.exists("/proc/pressure/cpu"),
         state_dir=str(state.path),
         state_error=host.writable(state.path) if readable else f"you may not read {state.path}",
-        journal_error=host.journal_error(state.journal) if readable else "",
+        journal_error=fault(state.journal) if readable else "",
+        journal_damaged=tuple(map(str, damaged_files(state.path))) if readable else (),
         git_version=host.git_version(),
         git_refusal=refusal(Path(tree)) if isinstance(tree, str) else "",
         clock_synchronized=host.clock_synchronized(),

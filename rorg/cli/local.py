@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
@@ -16,7 +17,7 @@ from rorg.core.schedule import Target
 from rorg.daemon.saved_memory import remembered
 from rorg.daemon.snapshot import down_of, snapshot
 from rorg.engines.protocol import Engine, Objects
-from rorg.errors import Unreachable
+from rorg.errors import Invalid, Unreachable
 from rorg.history.database import reading
 from rorg.history.runs import Runs
 from rorg.host.clock import boot_id, moment
@@ -107,9 +108,11 @@ def devices(place: Place, desired: Desired) -> dict[Device, Plugged]:
 
 
 def _remembered(place: Place) -> Memory:
-    """What the running rorg, or the last one, would pass on to the next one."""
-    with reading(place.state.journal) as database:
-        return remembered(Runs(database).read(), time.monotonic(), boot_id())
+    """What the running rorg, or the last one, would pass on to the next one: nothing if the history is damaged."""
+    runs: dict[str, Any] = {}
+    with suppress(Invalid), reading(place.state.journal) as database:
+        runs = Runs(database).read()
+    return remembered(runs, time.monotonic(), boot_id())
 
 
 def _ready(place: Place, first: Decision, desired: Desired) -> Memory:

@@ -80,6 +80,10 @@ def _state(host: Installation) -> Iterator[Check]:
     if host.journal_error:
         message = f"the history cannot be read: {host.journal_error}"
         yield Check("journal", ERROR, message, "`systemctl restart rorg`, which moves it aside and begins a new one")
+    elif host.journal_damaged:
+        message = f"the history was damaged and began again; the damaged one is {' and '.join(host.journal_damaged)}"
+        remedy = "`sqlite3 FILE .recover` for what is left in it, then delete it"
+        yield Check("journal", WARNING, message, remedy)
     else:
         yield Check("journal", OK, "the history can be read")
 

@@ -48,7 +48,7 @@ class Checkpoints:
 
     def damage(self) -> str:
         """What SQLite finds wrong with the file; empty if it finds nothing."""
-        row = self._connection.execute("PRAGMA quick_check(1)").fetchone()
+        row = self._connection.execute("PRAGMA integrity_check(1)").fetchone()
         return "" if row == ("ok",) else str(row and row[0])
 
     def close(self) -> None:

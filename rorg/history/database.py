@@ -12,12 +12,13 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from rorg.errors import Invalid
 from rorg.history.checkpoints import Checkpoints
+from rorg.history.damage import Damaged, check_header, is_damage, move_aside
 from rorg.history.reader import Reader, check_regular
-from rorg.history.schema import STEPS
+from rorg.history.schema import migrate
 from rorg.store.files import open_private
 
 WAITING = 2000
@@ -26,12 +27,9 @@ PAGE = 1024
 """Bytes of a page. Each change writes the pages that it touches, so small ones spare the disk."""
 PATIENCE = 0.2
 """Seconds for which a change waits for another process that holds the file, such as an SQLite tool."""
-DAMAGED = "journal.damaged-*.db"
-KEPT_DAMAGED = 2
-"""Damaged files that are kept, the newest ones."""
-SPOILT = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
 Change = Sequence[tuple[str, Sequence[Sequence[Any]]]]
 """The content of a transaction: SQL statements, each with the rows of values to execute it for."""
+T = TypeVar("T")
 
 
 class Database:
@@ -94,15 +92,15 @@ class Database:
     def _carry_out(self, changes: Sequence[Change]) -> bool:
         try:
             self._transaction(changes)
-        except (sqlite3.OperationalError, OSError) as error:
-            self._refused(error)
-            return False
-        except (sqlite3.Error, ValueError, OverflowError) as error:
-            if not _spoilt(error):
-                self._note("internal-error", f"internal error: the journal cannot hold an entry: {error}")
+        except (sqlite3.Error, OSError, ValueError, OverflowError) as error:
+            if not is_damage(error):
+                if isinstance(error, sqlite3.OperationalError | OSError):
+                    self._refused(error)
+                else:
+                    self._note("internal-error", f"internal error: the journal cannot hold an entry: {error}")
                 return False
-            self._set_aside(str(error))
             try:
+                self._set_aside(error)
                 self._transaction(changes)
             except (sqlite3.Error, OSError) as again:
                 self._refused(again)
@@ -136,19 +134,20 @@ class Database:
         if self.wall is None:
             raise OSError(errno.EBADF, "it was opened for reading")
         self.close()  # closing any descriptor of the file would end our locks on it
-        check_regular(self.path)
-        os.close(open_private(self.path, os.O_RDWR))
         try:
             self._writer = self._opened()
-        except sqlite3.DatabaseError as error:
-            if not _spoilt(error):
+        except (sqlite3.DatabaseError, UnicodeDecodeError) as error:
+            if not is_damage(error):
                 raise
-            self._set_aside(str(error))
+            self._set_aside(error)
             self._writer = self._opened()
         self._inode = os.stat(self.path).st_ino
         return self._writer
 
     def _opened(self) -> sqlite3.Connection:
+        check_regular(self.path)
+        os.close(open_private(self.path, os.O_RDWR))
+        check_header(self.path)
         connection = sqlite3.connect(self.path, timeout=PATIENCE, isolation_level=None, check_same_thread=False)
         try:
             connection.execute(f"PRAGMA page_size = {PAGE}")
@@ -156,29 +155,25 @@ class Database:
             # Only checkpoints wait for the disk: see there.
             connection.execute("PRAGMA wal_autocheckpoint = 0")
             connection.execute("PRAGMA synchronous = OFF")
-            version = connection.execute("PRAGMA user_version").fetchone()[0]
-            if version > len(STEPS):
-                raise _Spoilt(f"it is of version {version}, which a newer rorg wrote")
-            for number, step in enumerate(STEPS[version:], version + 1):
-                connection.executescript(f"BEGIN IMMEDIATE;{step}PRAGMA user_version = {number};COMMIT;")
-            self.generation += not version
+            self.generation += migrate(connection)
         except BaseException:
             connection.close()
             raise
         return connection
 
-    def _set_aside(self, why: str) -> None:
+    def _set_aside(self, error: Exception) -> None:
         """Move the file away. Raises OSError."""
         self.close()
-        stamp = (self.wall() if self.wall else "").replace(":", "")
-        aside = self.path.with_name(f"journal.damaged-{stamp}.db")
-        for end in ("-wal", "-shm", ""):
-            with contextlib.suppress(FileNotFoundError):
-                self.path.with_name(self.path.name + end).rename(f"{aside}{end}")
-        for old in sorted(self.path.parent.glob(DAMAGED))[:-KEPT_DAMAGED]:
-            for end in ("", "-wal", "-shm"):
-                old.with_name(old.name + end).unlink(missing_ok=True)
+        why = str(error).partition(" with text")[0]  # Python repeats a text that is no UTF-8
+        aside = move_aside(self.path, self.wall() if self.wall else "")
         self._note("journal-damaged", f"the journal was damaged ({why}): it is kept as {aside}, and a new one begun")
+
+    def _replace(self, generation: int, error: Exception) -> None:
+        """Begin a new file in place of a damaged one, unless another thread has done so since that generation."""
+        with self._lock, contextlib.suppress(OSError):
+            if generation == self.generation and is_damage(error):
+                self._set_aside(error)
+                self._make()
 
     def _note(self, kind: str, message: str) -> None:
         self._notes.append((kind, message))
@@ -198,7 +193,6 @@ class Database:
                 self.close()  # the file was removed: the next change begins a new one
             if self._writer is None or self.changes == self._done:
                 return
-            self._checkpoints = self._checkpoints or Checkpoints(self.path, self._quiet)
             upto = self.changes
         if self._use(Checkpoints.make):
             self._done = upto
@@ -208,23 +202,25 @@ class Database:
 
         def look(checkpoints: Checkpoints) -> None:
             if damage := checkpoints.damage():
-                raise _Spoilt(damage)
+                raise Damaged(damage)
 
         self._use(look)
 
     def _use(self, use: Callable[[Checkpoints], None]) -> bool:
         """False if the disk refuses. If the file was closed meanwhile, the checkpoints are closed afterwards."""
-        with self._lock:
-            checkpoints, self._at_work = self._checkpoints, True
+        checkpoints = None
         try:
+            with self._lock:
+                generation = self.generation
+                if self._writer:
+                    self._checkpoints = self._checkpoints or Checkpoints(self.path, self._quiet)
+                checkpoints, self._at_work = self._checkpoints, True
             if checkpoints:
                 use(checkpoints)
             return True
-        except sqlite3.Error as error:
+        except (sqlite3.Error, UnicodeDecodeError) as error:
             self.changed.set()
-            if _spoilt(error):
-                with self._lock, contextlib.suppress(OSError):
-                    self._set_aside(str(error))
+            self._replace(generation, error)
             return False
         finally:
             with self._lock:
@@ -248,15 +244,22 @@ class Database:
     def rows(self, sql: str, args: Sequence[Any] = ()) -> list[tuple[Any, ...]]:
         """Rows of the file; none if it is missing. If it cannot be read, the owner gets none either; others get
         Invalid."""
+        return self.read(lambda *row: row, sql, args)
+
+    def read(self, make: Callable[..., T], sql: str, args: Sequence[Any] = ()) -> list[T]:
+        """What `make` returns for each of these rows. It raises ValueError, TypeError or LookupError for values that
+        rorg does not write: then the file is damaged."""
         if self.wall is not None:
             self._make()
+        generation = self.generation
         try:
-            return self._reader.rows(sql, args)
+            return _made(make, self._reader.rows(sql, args))
         except FileNotFoundError:
             return []
-        except (sqlite3.Error, OSError) as error:
+        except (sqlite3.Error, OSError, UnicodeDecodeError) as error:
             self._reader.close()
             if self.wall is not None:
+                self._replace(generation, error)
                 return []
             raise Invalid("read the journal", f"{self.path}: {error}", f"to fix or move {self.path}") from error
 
@@ -284,12 +287,11 @@ class Database:
                 checkpoints.close()
 
 
-class _Spoilt(sqlite3.DatabaseError):
-    """This file can no longer be written."""
-
-
-def _spoilt(error: Exception) -> bool:
-    return isinstance(error, _Spoilt) or (getattr(error, "sqlite_errorcode", 0) & 0xFF) in SPOILT
+def _made(make: Callable[..., T], rows: Sequence[tuple[Any, ...]]) -> list[T]:
+    try:
+        return [make(*row) for row in rows]
+    except (ValueError, TypeError, LookupError, RecursionError) as error:
+        raise Damaged(f"a row is not as rorg writes it: {error}") from error
 
 
 def reading(path: Path) -> AbstractContextManager[Database]:

@@ -4,19 +4,24 @@ from __future__ import annotations
 
 import json
 import threading
+import zlib
 from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
-from rorg.history.database import Database
+from rorg.errors import Invalid
+from rorg.history.database import Database, reading
 
 RECENT = 2000
 """Entries in memory, for followers, and while the disk refuses them."""
 ALL = 1 << 62
-COLUMNS = "seq, at, kind, message, more"
-ENTRY = "INSERT OR REPLACE INTO entry (seq, at, kind, message, person, more) VALUES (?,?,?,?,?,?)"
+COLUMNS = "seq, at, kind, message, person, more, checksum"
+ENTRY = f"INSERT OR REPLACE INTO entry ({COLUMNS}) VALUES (?,?,?,?,?,?,?)"
 ABOUT = "INSERT OR REPLACE INTO about (service, seq) VALUES (?, ?)"
+SLICE = 500
+"""Entries that are checked at a time."""
 NAMING = ("services", "shed")
 """Fields of an entry that name services, besides `service`."""
 
@@ -71,8 +76,10 @@ class Journal:
         self.database = database
         self._lock = threading.Lock()
         self._recent: deque[dict[str, Any]] = deque(maxlen=RECENT)
-        last = next((seq for (seq,) in database.rows("SELECT max(seq) FROM entry")), 0) or 0
-        self._seq: int = max(0, last)
+        has_checksums = database.rows("SELECT 1 FROM pragma_table_info('entry') WHERE name = 'checksum'")
+        self._columns = COLUMNS if has_checksums else COLUMNS.replace("checksum", "NULL")
+        """With NULL for a file that an older rorg wrote."""
+        self._seq: int = next((entry["seq"] for entry in self._stored("1 ORDER BY seq DESC LIMIT 1", [])), 0)
         self._followers: list[Callable[[], None]] = []
         self._counts: Counter[str] = Counter()
 
@@ -86,7 +93,7 @@ class Journal:
             self._counts[kind] += 1
             row = (self._seq, at, kind, _sound(message), int(person), json.dumps(more))
             about = [(_sound(name), self._seq) for name in dict.fromkeys(named(entry))]
-            self.database.write([(ENTRY, [row]), (ABOUT, about)])
+            self.database.write([(ENTRY, [(*row, checksum(*row))]), (ABOUT, about)])
             followers = tuple(self._followers)
         for tell in followers:
             tell()
@@ -130,12 +137,38 @@ class Journal:
             return near[-most:] if newest and most else near[:most]
         condition, args = filter.condition()
         order = "DESC" if newest else "ASC"
-        sql = f"SELECT {COLUMNS} FROM entry WHERE {condition} ORDER BY seq {order} LIMIT ?"
-        stored = [entry for row in self.database.rows(sql, [*args, most]) if (entry := _entry(row))]
+        stored = self._stored(f"{condition} ORDER BY seq {order} LIMIT ?", [*args, most])
         # What the disk refused is in memory only.
         entries = {entry["seq"]: entry for entry in (*stored, *near)}
         ordered = [entries[seq] for seq in sorted(entries)]
         return ordered[-most:] if newest and most else ordered[:most]
+
+    def check(self, rest: Callable[[], object]) -> None:
+        """Read each entry in the file, so that damage is found before anyone asks. `rest()` is called between two
+        slices, so that others can read."""
+        after = 0
+        while stored := self._stored("seq > ? ORDER BY seq LIMIT ?", [after, SLICE]):
+            after = stored[-1]["seq"]
+            rest()
+
+    def _stored(self, condition: str, args: list[Any]) -> list[dict[str, Any]]:
+        return self.database.read(_entry, f"SELECT {self._columns} FROM entry WHERE {condition}", args)
+
+
+def checksum(*values: object) -> int:
+    """Of the values of an entry, without the checksum."""
+    return zlib.crc32("\0".join(map(str, values)).encode())
+
+
+def fault(path: Path) -> str:
+    """Why the history in a file cannot be read; empty if it can, or if there is none."""
+    try:
+        with reading(path) as database:
+            found = database.rows("PRAGMA integrity_check(1)") or [("ok",)]
+            Journal(database).check(lambda: None)
+    except Invalid as error:
+        return error.why
+    return "" if found == [("ok",)] else str(found[0][0])
 
 
 def named(entry: dict[str, Any]) -> list[str]:
@@ -154,14 +187,11 @@ def named_in(more: str) -> list[str]:
     return named(fields) if isinstance(fields, dict) else []
 
 
-def _entry(row: tuple[Any, ...]) -> dict[str, Any] | None:
-    """None if it is malformed."""
-    seq, at, kind, message, more = row
-    try:
-        rest = json.loads(more)
-    except (ValueError, TypeError, RecursionError):
-        return None
-    return {"seq": seq, "at": at, "kind": kind, "message": message, **rest} if isinstance(rest, dict) else None
+def _entry(seq: int, at: str, kind: str, message: str, person: int, more: str, expected: int | None) -> dict[str, Any]:
+    """Raises ValueError and TypeError if it is damaged."""
+    if expected not in (None, checksum(seq, at, kind, message, person, more)):
+        raise ValueError(f"entry {seq} has another checksum")
+    return {"seq": seq, "at": at, "kind": kind, "message": message, **json.loads(more)}
 
 
 def _marks(values: frozenset[str]) -> str:

@@ -7,6 +7,7 @@ import threading
 from collections.abc import Callable
 
 from rorg.history.database import Database
+from rorg.history.journal import Journal
 from rorg.history.retention import Retention, trim
 from rorg.model.units import stamp
 
@@ -59,6 +60,7 @@ class Maintenance:
         self.database.checkpoint()
         if self._trimmed is None:
             self.database.check()
+            Journal(self.database).check(self._rest)
         if self._trimmed is None or self.database.changes - self._trimmed >= TRIM:
             retention = self.retention()
             trim(self.database, retention, stamp(max(0.0, self.wall() - retention.days * DAY)), self._rest)

@@ -9,8 +9,9 @@ from typing import Any
 
 from rorg.history.database import Database
 from rorg.model.catalog import Request
+from rorg.model.units import parse_time
 
-NEWEST = "SELECT content, text FROM asked JOIN asked_text USING (content) WHERE at <= ? ORDER BY number DESC LIMIT 1"
+NEWEST = "SELECT text FROM asked JOIN asked_text USING (content) WHERE at <= ? ORDER BY number DESC LIMIT 1"
 CHANGES = "SELECT at, text FROM asked JOIN asked_text USING (content) WHERE at > ? AND at <= ? ORDER BY number"
 ANY = "~"
 """Later than any time, as text."""
@@ -23,14 +24,16 @@ class Asked:
         self.database = database
         self._last: str | None = None
         """The text that was written last."""
+        self._generation = database.generation
 
     def note(self, at: str, requests: Iterable[Request]) -> None:
         """Record that meta-services request these from now on (ISO 8601 in UTC)."""
         text = json.dumps([_said(request) for request in requests])
         if self._last is None:
-            self._last = next((stored_text for _, stored_text in self.database.rows(NEWEST, (ANY,))), "[]")
-        if text == self._last:
+            self._last = next((stored for stored, _ in self.database.read(_read, NEWEST, (ANY,))), "[]")
+        if (text, self.database.generation) == (self._last, self._generation):
             return
+        self._generation = self.database.generation
         self._last, content = text, hashlib.sha256(text.encode()).hexdigest()[:32]
         self.database.write(
             [
@@ -41,23 +44,22 @@ class Asked:
 
     def at(self, time: str) -> tuple[Request, ...]:
         """Their requests at a time."""
-        for _, text in self.database.rows(NEWEST, (time,)):
-            return _read(text)
-        return ()
+        return next((requests for _, requests in self.database.read(_read, NEWEST, (time,))), ())
 
     def between(self, begin: str, end: str) -> Iterator[tuple[str, tuple[Request, ...]]]:
         """Their requests at `begin`, then each change up to `end`: (since when, all requests)."""
         yield begin, self.at(begin)
-        for at, text in self.database.rows(CHANGES, (begin, end)):
-            yield at, _read(text)
+        yield from self.database.read(_change, CHANGES, (begin, end))
 
 
-def _read(text: str) -> tuple[Request, ...]:
-    """The requests in a text; none if it is malformed."""
-    try:
-        return tuple(_request(said) for said in json.loads(text))
-    except (ValueError, TypeError, LookupError, RecursionError):
-        return ()
+def _change(at: str, text: str) -> tuple[str, tuple[Request, ...]]:
+    parse_time(at)
+    return at, _read(text)[1]
+
+
+def _read(text: str) -> tuple[str, tuple[Request, ...]]:
+    """A text with its requests. Raises ValueError and TypeError if it is damaged."""
+    return text, tuple(_request(said) for said in json.loads(text))
 
 
 def _said(request: Request) -> list[Any]:

@@ -10,12 +10,15 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 from rorg.errors import Invalid
+from rorg.history.damage import check_types
 from rorg.history.database import Change, Database
+from rorg.model.units import parse_time
 
 UNDER_WAY = ("applying", "baking")
 """Standings that are not final."""
 NUMBER = re.compile(r"[0-9]{1,6}")
 """Numbers as in `rorg history`. git never abbreviates a commit to fewer than seven digits by default."""
+MOST = 999_999
 LONGEST_PLAN = 1 << 18
 """Characters of a plan that are kept."""
 COLUMNS = (
@@ -78,17 +81,20 @@ class Revisions:
     def __init__(self, database: Database) -> None:
         self.database = database
         self._lock = threading.Lock()
-        self._number: int | None = None
+        self._number = next((revision.number for revision in self.list(1)), 0) if database.wall else 0
         self._services: Mapping[str, Made] | None = None
         """Of the last revision that was not refused."""
+        self._generation = database.generation
 
     # -- writing -----------------------------------------------------------------------------------------------
 
     def begin(self, revision: Revision) -> Revision:
         """Write a revision with the next number. It supersedes one that is under way, unless it is refused."""
         with self._lock:
-            number = self._next()
+            number = self._number + 1
             new = replace(revision, number=number, plan=revision.plan[:LONGEST_PLAN])
+            if self._generation != self.database.generation:
+                self._services, self._generation = {}, self.database.generation
             before = self._last_services()
             if new.standing != "refused":
                 self._services = new.services
@@ -117,11 +123,6 @@ class Revisions:
             told = {n: i for n, i in images.items() if n in known and not known[n].image_id}
             self._services = known | {n: replace(known[n], image_id=i) for n, i in told.items()}
         self.database.write([(sql, rows)])
-
-    def _next(self) -> int:
-        if self._number is None:
-            self._number = next((n for (n,) in self.database.rows("SELECT max(number) FROM revision")), 0) or 0
-        return self._number + 1
 
     def _last_services(self) -> Mapping[str, Made]:
         if self._services is None:
@@ -167,14 +168,14 @@ class Revisions:
 
     def _select(self, condition: str, args: tuple[Any, ...], most: int) -> Sequence[Revision]:
         sql = f"SELECT {COLUMNS} FROM revision WHERE {condition} ORDER BY number DESC LIMIT ?"
-        return [_revision(row) for row in self.database.rows(sql, (*args, most))]
+        return self.database.read(_revision, sql, (*args, most))
 
     def _made(self, condition: str, args: tuple[Any, ...]) -> dict[str, Made]:
         sql = (
             "SELECT service, digest, coalesce(declared, ''), image, image_id, edition FROM made LEFT JOIN spec"
             f" USING (digest) WHERE {condition} ORDER BY service"
         )
-        return {name: Made(*of) for name, *of in self.database.rows(sql, args)}
+        return dict(self.database.read(_material, sql, args))
 
 
 def _begin(new: Revision, before: Mapping[str, Made]) -> Change:
@@ -207,13 +208,22 @@ def _begin(new: Revision, before: Mapping[str, Made]) -> Change:
     ]
 
 
-def _revision(row: tuple[Any, ...]) -> Revision:
-    said = dict(zip(FIELDS, row, strict=True))
-    try:
-        told = tuple(map(str, json.loads(said["errors"])))
-    except (ValueError, TypeError):
-        told = ()
-    return Revision(**{**said, "dirty": bool(said["dirty"]), "errors": told})
+def _revision(*row: Any) -> Revision:
+    """Raises ValueError and TypeError if it is damaged."""
+    check_types(row, int, *[str] * 5, int, *[str] * 6)
+    fields = dict(zip(FIELDS, row, strict=True))
+    errors = json.loads(fields["errors"])
+    check_types(errors, *[str] * len(errors))
+    if not 0 < fields["number"] <= MOST:
+        raise ValueError(f"the number of a revision is {fields['number']}")
+    for time in filter(None, (fields["at"], fields["settled_at"])):
+        parse_time(time)
+    return Revision(**{**fields, "dirty": bool(fields["dirty"]), "errors": tuple(errors)})
+
+
+def _material(name: str, *values: str) -> tuple[str, Made]:
+    check_types(values, *[str] * len(values))
+    return name, Made(*values)
 
 
 class Numbered(Protocol):

@@ -6,6 +6,7 @@ import json
 from collections.abc import Collection, Mapping
 from typing import Any
 
+from rorg.history.damage import check_types
 from rorg.history.database import Change, Database
 
 
@@ -15,18 +16,14 @@ class Runs:
     def __init__(self, database: Database) -> None:
         self.database = database
         self._written: dict[str, str] = {}
-        """The rows that this object wrote."""
+        """The rows that this object read or wrote."""
         self._generation = database.generation
 
     def read(self) -> dict[str, Any]:
-        """The kept memory of each service. Rows that are not JSON are ignored."""
-        memories = {}
-        for service, text in self.database.rows("SELECT service, text FROM run"):
-            try:
-                memories[service] = json.loads(text)
-            except (ValueError, TypeError, RecursionError):
-                continue
-        return memories
+        """The kept memory of each service."""
+        rows = self.database.read(_row, "SELECT service, text FROM run")
+        self._written = {service: text for service, text, _ in rows}
+        return {service: memory for service, _, memory in rows}
 
     def write(self, texts: Mapping[str, str], gone: Collection[str]) -> bool:
         """Write what is new of services, and remove those that are gone. False if the disk refuses: then the caller
@@ -44,3 +41,11 @@ class Runs:
             return False
         self._written = {name: text for name, text in (self._written | new).items() if name not in gone}
         return True
+
+
+def _row(service: str, text: str) -> tuple[str, str, Any]:
+    """Raises ValueError and TypeError if it is damaged."""
+    check_types((service, text), str, str)
+    memory = json.loads(text)
+    check_types((memory,), dict)
+    return service, text, memory

@@ -3,10 +3,12 @@ the minutes of ten are added up."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+from rorg.history.damage import check_types
 from rorg.history.database import Database
 
 UPSERT = (
@@ -36,6 +38,9 @@ SLOT = 16
 """Characters of a time (ISO 8601) up to the minute."""
 SECONDS = {16: 60.0, 15: 600.0, 13: 3600.0}
 """The time that a row stands for, by the length of its own: an older rorg added up hours."""
+TIME = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}T[0-9]{2}(:[0-9]{1,2})?")
+MOST = 1e30
+"""More than any use."""
 MACHINE = ""
 """In the place of a service: the whole machine."""
 
@@ -82,25 +87,43 @@ class UsageTable:
         the most bytes seen. Empty for an older file without that table."""
         if not self.database.rows("SELECT 1 FROM sqlite_master WHERE name = 'usage'"):
             return []
-        return [
-            {
-                "service": service,
-                "runs": runs,
-                "seconds": round(seconds, 1),
-                "cpu": round(cpu / seconds, 4),
-                "memory": round(byte_seconds / seconds),
-                "peak_memory": peak,
-            }
-            for service, runs, seconds, cpu, byte_seconds, peak in self.database.rows(TOTALS, (time[:SLOT],))
-            if seconds > 0
-        ]
+        totals = self.database.read(_total, TOTALS, (time[:SLOT],))
+        return [total for total in totals if total]
 
     def slots(self, begin: str, end: str) -> list[Slot]:
         """Return the use from `begin` to `end` (ISO 8601 in UTC), in order of time. Empty for an older file."""
         if not self.database.rows("SELECT 1 FROM sqlite_master WHERE name = 'usage'"):
             return []
-        rows = self.database.rows(SLOTS, (begin[:SLOT], end[:SLOT]))
-        return [
-            Slot(hour, (length := SECONDS.get(len(hour), 60.0)), service, cpu / length, byte_seconds / length)
-            for hour, service, cpu, byte_seconds in rows
-        ]
+        return self.database.read(_slot, SLOTS, (begin[:SLOT], end[:SLOT]))
+
+
+def _total(service: str, runs: int, seconds: float, cpu: float, byte_seconds: float, peak: int) -> dict[str, Any]:
+    """Empty if nothing was measured. Raises ValueError and TypeError if it is damaged."""
+    _check(service, seconds, cpu, byte_seconds, peak)
+    return (
+        {
+            "service": service,
+            "runs": runs,
+            "seconds": round(seconds, 1),
+            "cpu": round(cpu / seconds, 4),
+            "memory": round(byte_seconds / seconds),
+            "peak_memory": peak,
+        }
+        if seconds > 0
+        else {}
+    )
+
+
+def _slot(hour: str, service: str, cpu: float, byte_seconds: float) -> Slot:
+    """Raises ValueError and TypeError if it is damaged."""
+    _check(service, cpu, byte_seconds)
+    if not TIME.fullmatch(hour):
+        raise ValueError(f"{hour!r} is no minute")
+    length = SECONDS[len(hour)]
+    return Slot(hour, length, service, cpu / length, byte_seconds / length)
+
+
+def _check(service: str, *numbers: float) -> None:
+    check_types((service, *numbers), str, *[int | float] * len(numbers))
+    if any(not 0 <= number < MOST for number in numbers):
+        raise ValueError(f"{service} used {numbers}")

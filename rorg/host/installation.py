@@ -6,7 +6,6 @@ import contextlib
 import ctypes
 import os
 import resource
-import sqlite3
 from pathlib import Path
 
 from rorg.host.git_process import run_git
@@ -73,15 +72,3 @@ def open_files() -> int:
     """How many files this user's programs may have open at the same time."""
     most = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
     return most if most != resource.RLIM_INFINITY else 1 << 30
-
-
-def journal_error(path: Path) -> str:
-    """The fault of the history's file; empty if it is sound, or missing."""
-    if not path.exists():
-        return ""
-    try:
-        with contextlib.closing(sqlite3.connect(f"file:{path}?mode=ro", uri=True, timeout=PATIENCE)) as database:
-            said = str(database.execute("PRAGMA quick_check(1)").fetchone()[0])
-    except sqlite3.Error as error:
-        return str(error)
-    return "" if said == "ok" else said

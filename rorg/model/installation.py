@@ -50,6 +50,8 @@ class Installation:
     """The running rorg answers at its socket."""
     journal_error: str = ""
     """A problem with the journal; empty if there is none."""
+    journal_damaged: tuple[str, ...] = ()
+    """Files of earlier journals that were damaged, which rorg keeps."""
     git_version: str = ""
     """Empty if git is not installed."""
     git_refusal: str = ""
