@@ -146,7 +146,7 @@ def test_rorg_run_starts_and_serves_with_a_damaged_journal(lively, tmp_path):
             damaged_copy(lively, seed, path := process.state / "journal.db")
             if seed == TRIES:
                 sound = (lively / "state/journal.db").read_bytes()
-                path.write_bytes(sound.replace(b"CREATE TABLE about", b"CREATE TABLE \xe9bout"))
+                path.write_bytes(sound.replace(b"CREATE TABLE run (", b"CREATE TABLE run \xa8"))
             process.start()
             client = process.client(patience=60.0)
             client.call("GET", "/v1/status")
