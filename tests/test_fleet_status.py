@@ -71,7 +71,14 @@ def test_two_hundred_robots_take_less_than_three_seconds(robot):
 
 
 def test_a_file_that_is_no_list_of_robots_is_refused(robot):
-    for text in ("", "- nora\n", "nora: http://nora:1\n", "a: [b]\n"):
+    for text in (
+        "",
+        "- nora\n",
+        "nora: http://nora:1\n",
+        "a: [b]\n",
+        "nora: 1" + ":1" * 9000 + "\n",
+        "nora: !!int x\n",
+    ):
         (robot.folder / "bad.yaml").write_text(text)
         done = robot.rorg("fleet", "status", str(robot.folder / "bad.yaml"))
         assert (done.returncode, "https://nora:7878" in done.stderr) == (2, True), text

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import subprocess
+import time
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -127,11 +128,41 @@ def test_names_of_services_are_distinct_and_none_is_taken(tmp_path):
         *(("0x10", 16), ("a b", "a b"), ("", ""), ("~", "~"), ("2024-01-01", "2024-01-01"), ("'1'", "1")),
         *(("[1, 2]", [1, 2]), ("[1, 2.5]", [1.0, 2.5]), ("[a, 1]", "[a, 1]"), ("[]", "[]"), ("[[1]]", "[[1]]")),
         *(("a: b", "a: b"), ("{", "{"), ("[a, b]", ["a", "b"]), ("1" * 5000, "1" * 5000), ("!!float x", "!!float x")),
+        *(("1:30", 90), ("1:30.5", 90.5), ("0b11", 3), ("010", 8), ("!!bool x", "!!bool x")),
+        *((text, text) for text in ("1" + ":1" * 2000, "0x" + "f" * 4000, "[1, 99999999999999999999]")),
     ],
 )
 def test_a_text_has_the_type_that_ros_2_gives_it(text, value):
     assert guess(text) == value
     assert type(guess(text)) is type(value)
+
+
+@pytest.mark.parametrize("size", [39_000, 800_000])
+@pytest.mark.parametrize("begin", ["1{}", "-1{}.5"], ids=["whole", "fraction"])
+def test_a_number_of_hours_minutes_and_seconds_without_end_is_a_text(begin, size, tmp_path):
+    """PyYAML takes 27 s for such a number of 781 KB, and Python writes no number of more than 4300 digits."""
+    value, node = begin.format(":1" * (size // 2)), "- node: {pkg: a, exec: bb, args: $(var x)}\n"
+    began = time.process_time()
+    for shown in (value, f"[{value}]"):
+        imported_text(tmp_path, f"launch:\n- set_parameter: {{name: x, value: {shown}}}\n{node}", "big.launch.yaml")
+    imported_text(tmp_path, f"<launch><set_parameter name='x' value='{value}'/></launch>")
+    found = imported_text(tmp_path, f"launch:\n- arg: {{name: x, default: {value}}}\n{node}", "big.launch.yaml")
+    assert found.manifests[0].spec["command"][-1] == value
+    assert time.process_time() - began < 10.0
+
+
+@pytest.mark.parametrize("value", ["0x" + "f" * 9000, "0b" + "1" * 9000, "1" * 20, "!!timestamp noon"])
+def test_a_number_that_is_out_of_range_and_a_wrong_date_are_texts(value, tmp_path):
+    text = f"launch:\n- arg: {{name: x, default: {value}}}\n- node: {{pkg: a, exec: bb, args: $(var x)}}\n"
+    (made,) = imported_text(tmp_path, text, "big.launch.yaml").manifests
+    assert made.spec["command"][-1] == value.removeprefix("!!timestamp ")
+
+
+@pytest.mark.parametrize(("tag", "value"), [("!!bool", "x"), ("!!int", ""), ("!!float", "x")])
+def test_a_value_that_is_not_of_its_tag_is_a_mistake(tag, value, tmp_path):
+    text = f"launch:\n- arg: {{name: x, default: {tag} '{value}'}}\n"
+    (error,) = imported_text(tmp_path, text, "big.launch.yaml").errors
+    assert error.message == f"not a value of YAML: {value}"
 
 
 @pytest.mark.parametrize(

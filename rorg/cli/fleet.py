@@ -59,15 +59,17 @@ def command(
 
 def _addresses(file: Path) -> dict[str, str]:
     """Name -> address. Raises Invalid."""
-    import yaml
+    from rorg.manifest.yaml_source import read_yaml
 
     try:
-        told = yaml.safe_load(file.read_text(encoding="utf-8")) if file.stat().st_size < MOST * 200 else None
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        text = file.read_text(encoding="utf-8") if file.stat().st_size < MOST * 200 else ""
+    except (OSError, UnicodeDecodeError) as error:
         raise Invalid(f"read {file}", getattr(error, "strerror", None) or str(error)) from error
-    robots = told if isinstance(told, dict) else {}
+    document, wrong = read_yaml(text, str(file))
+    robots = document.value if document and isinstance(document.value, dict) else {}
     if not 0 < len(robots) <= MOST or not all(str(a).startswith("https://") for a in robots.values()):
-        raise Invalid(f"read {file}", "it is no list of robots", "a line for each robot: `nora: https://nora:7878`")
+        why = wrong[0].message if text and wrong else "it is no list of robots"
+        raise Invalid(f"read {file}", why, "a line for each robot: `nora: https://nora:7878`")
     return {str(name): address for name, address in robots.items()}
 
 

@@ -15,7 +15,8 @@ import yaml
 
 from rorg.model.diagnostics import Diagnostic, Where
 
-_Base = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+BaseLoader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+"""In C where PyYAML has it. Only for composing nodes: its constructors of values take quadratic time for some texts."""
 MAX_DEPTH = 50
 """The parser's recursion crashes at some ten thousand levels."""
 MAX_NODES = 100_000
@@ -26,7 +27,7 @@ MOST_NUMBER = (1 << 63) - 1
 """The largest number that engines and kernels can store."""
 
 
-class _Loader(_Base):  # type: ignore[misc, valid-type]
+class _Loader(BaseLoader):  # type: ignore[misc, valid-type]
     yaml_implicit_resolvers: dict[str, Any] = {}
 
 

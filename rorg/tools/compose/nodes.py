@@ -16,15 +16,14 @@ from typing import Any
 
 import yaml
 
-from rorg.manifest.yaml_source import UNREADABLE, check_size, not_yaml
+from rorg.manifest.yaml_source import UNREADABLE, BaseLoader, check_size, not_yaml
 from rorg.model.diagnostics import Diagnostic, Where
 
 MOST_VALUES = 50_000
 """Limit for a whole project, with everything that it merges. The largest real ones have some thousand."""
-_Base = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
-class _Loader(_Base):  # type: ignore[misc, valid-type]
+class _Loader(BaseLoader):  # type: ignore[misc, valid-type]
     yaml_implicit_resolvers: dict[str, Any] = {}
 
 

@@ -9,17 +9,18 @@ from typing import Any
 
 import yaml
 
-from rorg.manifest.yaml_source import MAX_DEPTH, UNREADABLE, check_size, not_yaml
+from rorg.manifest.yaml_source import MAX_DEPTH, MOST_NUMBER, UNREADABLE, BaseLoader, check_size, not_yaml
 from rorg.model.bounds import TooMuch
 from rorg.model.diagnostics import Diagnostic, Where
 from rorg.tools.importing.launch_xml import MOST_ELEMENTS, Element
 
-_Loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-"""YAML 1.1, as ROS 2 reads it: yes is true."""
 CHILDREN = "children"
 """The key for the children of an element that has attributes, too."""
 LONGEST_GUESS = 4096
 """Characters of a text that may be a number or a list."""
+LONGEST_NUMBER = 400
+"""Characters of a number. PyYAML takes quadratic time for one with colons, and Python writes none of 4300 digits."""
+TEXTS = tuple(f"tag:yaml.org,2002:{name}" for name in ("str", "null", "timestamp", "binary"))
 
 
 class _Wrong(Exception):
@@ -34,7 +35,7 @@ def read_yaml_launch(path: Path, text: str) -> Element | Diagnostic:
     """The outermost element, or why there is none. Raises TooMuch."""
     try:
         check_size(text, MOST_ELEMENTS)
-        root = yaml.compose(text, Loader=_Loader)
+        root = yaml.compose(text, Loader=BaseLoader)
     except UNREADABLE as error:
         return not_yaml(error, str(path), text)
     tree = _Tree(path)
@@ -130,9 +131,15 @@ def _text_of(key: yaml.Node) -> str:
 
 
 def plain_scalar(node: yaml.Node) -> str | int | float | bool:
-    """The value of a scalar. Dates and nothing stay the text that they are. Raises YAMLError and ValueError."""
-    value = yaml.constructor.SafeConstructor().construct_object(node)
-    return value if isinstance(value, str | int | float | bool) else str(node.value)
+    """The value of a scalar in YAML 1.1, as ROS 2 reads it: yes is true, and 1:30 is 90. Dates, nothing, and numbers
+    that are out of range for ROS stay the text that they are. Raises YAMLError and ValueError."""
+    if node.tag in TEXTS or len(node.value) > LONGEST_NUMBER:
+        return str(node.value)
+    try:
+        value: int | float | bool = yaml.constructor.SafeConstructor().construct_object(node)
+    except (LookupError, OverflowError) as error:
+        raise ValueError(str(error)) from error
+    return str(node.value) if isinstance(value, int) and abs(value) > MOST_NUMBER else value
 
 
 def _shown(value: Any) -> str:
@@ -147,7 +154,7 @@ def guess(text: str) -> Any:
         return text
     try:
         check_size(text)
-        node = yaml.compose(text, Loader=_Loader)
+        node = yaml.compose(text, Loader=BaseLoader)
         if isinstance(node, yaml.SequenceNode):
             scalars = all(isinstance(item, yaml.ScalarNode) for item in node.value)
             return uniform([plain_scalar(item) for item in node.value] if scalars else []) or text
