@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import os
 import re
+import resource
 import signal
 import subprocess
 import sys
@@ -15,11 +16,17 @@ from pathlib import Path
 import pytest
 from conftest import wait_for
 from robots import RealRobot
+from rorg_process import RorgProcess
 
 from rorg.core.observed import LABEL_OWNER, LABEL_SERVICE
 from rorg.engines.log_lines import Reading
+from rorg.engines.make import make_engine
 from rorg.engines.process.engine import ProcessEngine
 from rorg.engines.process.log import KEPT, SLACK, follow_lines, read_lines, trim_log
+from rorg.store.state_dir import StateDir
+
+MANY, FEW_FILES = 80, 96
+"""Services, and descriptors of rorg."""
 
 LABELS = {LABEL_OWNER: "me", LABEL_SERVICE: "x"}
 
@@ -356,3 +363,25 @@ def test_restarts_of_a_crashing_service_leave_nothing(tmp_path):
     finally:
         robot.close()
     assert all(_state(int(pid)) in "ZX" for pid in pids)
+
+
+def test_more_services_run_than_rorg_may_have_files_open(tmp_path):
+    """Each run had a descriptor, until none was left for manifests, the status and the next start."""
+    services = {f"s{number:02}": {"always_on": True} for number in range(MANY)}
+    robot = RorgProcess(tmp_path, services)
+    few = lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (FEW_FILES, FEW_FILES))  # noqa: E731
+    try:
+        robot.start(preexec_fn=few)
+        client = robot.client(patience=60.0)
+        client.wait(*services, timeout=120.0)
+        runs = {service["service"]: service["incarnation"] for service in client.services()}
+        engine = make_engine("process", StateDir(robot.state))
+        for container in engine.list():
+            os.killpg(container.pid, signal.SIGKILL)
+        wait_for(lambda: not {s["incarnation"] for s in client.services()} & {*runs.values()}, 120, "new runs of all")
+        client.wait(*services, timeout=120.0)
+        (robot.tree / "services/s00.yaml").write_text("kind: [")
+        wait_for(lambda: client.status()["tree"]["errors"], 60, "the manifests to be read again")
+        assert "Too many open files" not in (tmp_path / "rorg.log").read_text()
+    finally:
+        robot.close()

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from rorg.history.schema import STEPS
+from rorg.history.schema import STEPS, migrate
 
 PATIENCE = 5.0
 """Seconds to wait for another process that holds the file."""
@@ -45,7 +45,7 @@ class Reader:
         if not version:
             connection.close()
             raise FileNotFoundError(errno.ENOENT, "it has no tables yet", str(self.path))
-        return connection if version >= len(STEPS) else _upgraded(connection, version)
+        return connection if version >= len(STEPS) else _upgraded(connection)
 
     def close(self) -> None:
         """Close it until the next question."""
@@ -56,13 +56,12 @@ class Reader:
                     connection.close()
 
 
-def _upgraded(connection: sqlite3.Connection, version: int) -> sqlite3.Connection:
+def _upgraded(connection: sqlite3.Connection) -> sqlite3.Connection:
     """A copy in memory, with the tables of now: only the owner may upgrade the file of an older rorg."""
     copy = sqlite3.connect(":memory:", isolation_level=None, check_same_thread=False)
     with contextlib.closing(connection):
         connection.backup(copy)
-    for step in STEPS[version:]:
-        copy.executescript(step)
+    migrate(copy)
     return copy
 
 

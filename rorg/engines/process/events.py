@@ -4,17 +4,25 @@ polling."""
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
+import resource
 import selectors
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 
 from rorg.core.observed import Container
+from rorg.engines.process.table import SHORT_OF, stat
+from rorg.errors import Unreachable
 
 NOW_AND_THEN = 2.0
 TURN = 0.5
-"""Seconds until a follower notices that it should stop."""
+"""Seconds until a follower notices that it should stop, and between two looks at runs without a descriptor."""
+SHARE = 4
+"""The part of this process's descriptors that may wait for exits: one in four. All else needs the others."""
+Run = tuple[str, int]
+"""(container, pid)."""
 
 
 class Changes:
@@ -30,6 +38,8 @@ class Changes:
         self.containers, self.container, self.now_and_then = containers, container, now_and_then
         self._lock = threading.Lock()
         self._changed: list[str] = []
+        self._looked_at: set[Run] = set()
+        """Runs without a descriptor."""
         self._wake_read, self._wake_write = os.pipe2(os.O_CLOEXEC | os.O_NONBLOCK)
 
     def tell(self, container: str) -> None:
@@ -41,6 +51,7 @@ class Changes:
     def follow(self, stop: threading.Event) -> Iterator[tuple[str, str]]:
         exits, due = selectors.PollSelector(), time.monotonic() + NOW_AND_THEN
         exits.register(self._wake_read, selectors.EVENT_READ)
+        self._looked_at.clear()
         self._watch(exits, self.containers())
         yield "", ""
         try:
@@ -56,6 +67,7 @@ class Changes:
                         exits.unregister(key.fd)
                         os.close(key.fd)
                         yield key.data[0], ""
+                yield from ((container, "") for container in self._ended())
                 if time.monotonic() >= due:
                     due = time.monotonic() + NOW_AND_THEN
                     self.now_and_then()
@@ -73,14 +85,35 @@ class Changes:
         return changed
 
     def _watch(self, exits: selectors.BaseSelector, containers: Iterable[Container]) -> None:
-        """Wait for the exits of these runs, each a (container, pid): a new run can begin before the exit of the
-        previous one is reported."""
-        known = {key.data for key in exits.get_map().values()}
+        """Wait for the exits of these runs: a new run can begin before the exit of the previous one is reported."""
+        watched = {key.data for key in exits.get_map().values()}
+        room, known = _descriptors() // SHARE - len(watched), watched | self._looked_at
         for container in containers:
             run = container.id, container.pid
             if not container.pid or run in known:
                 continue
             try:
+                if room <= 0:
+                    raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
                 exits.register(os.pidfd_open(container.pid), selectors.EVENT_READ, run)
-            except OSError:  # it has ended already
-                self.tell(container.id)
+                room -= 1
+            except OSError as error:
+                if error.errno in SHORT_OF:
+                    self._looked_at.add(run)
+                else:  # it has ended already
+                    self.tell(container.id)
+
+    def _ended(self) -> list[str]:
+        """Containers whose run has ended, of those without a descriptor."""
+        try:
+            ended = {run for run in self._looked_at if (facts := stat(run[1])) is None or facts[0] in "ZX"}
+        except Unreachable:  # not even one descriptor is left: at the next turn
+            return []
+        self._looked_at -= ended
+        return [container for container, _ in ended]
+
+
+def _descriptors() -> int:
+    """How many files this process may have open."""
+    limit = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+    return limit if limit != resource.RLIM_INFINITY else 1 << 30
