@@ -13,7 +13,7 @@ from rorg.core.incremental import plan_all
 from rorg.core.memory import InFlight, Memory, Progress
 from rorg.core.observed import LABEL_RULES, Container
 from rorg.core.operations import Pause, Start
-from rorg.core.plan import Action
+from rorg.core.plan import Action, printed
 from rorg.core.update import Update
 from rorg.core.wanted import Cause
 from rorg.model.catalog import Idle, Service, Updating
@@ -84,7 +84,7 @@ def test_a_paused_service_without_a_manifest_is_not_resumed_beside_its_rival():
 def test_a_need_whose_change_has_to_wait_is_as_ready_as_before(seen, known, unready):
     probed = replace(PROBED, update=Updating(when="when_ceased"))
     found = plan_all(situation(probed, ARM, seen=(seen, box("arm", "exited")), known={"base": known}))
-    assert found.plans["base"].unready == unready
+    assert printed(found.plans["base"].unready, NOW) == unready
 
 
 def test_a_need_that_cannot_go_on_says_what_it_waits_for():

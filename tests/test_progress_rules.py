@@ -13,6 +13,7 @@ from rorg.core.digest import Rules, labels
 from rorg.core.memory import Attempt, CountedOn, Memory, Progress
 from rorg.core.observed import LABEL_RULES, Container, Observed
 from rorg.core.operations import OPERATIONS, Create, Start
+from rorg.core.plan import Timed, prefixed, printed
 from rorg.core.shared_memory import none_runs
 from rorg.core.situation import Exclusive, Situation, View
 from rorg.core.update import Update
@@ -252,16 +253,19 @@ def test_a_resource_is_contested_if_a_wanted_service_does_not_fit_beside(robot, 
 
 
 @pytest.mark.parametrize(
-    ("left", "shown", "changes_in"),
-    [(0.5, 1, 0.5), (1.0, 1, 1.0), (7.5, 8, 0.5), (8.0, 8, 1.0), (8.5, 12, 0.5), (12.0, 12, 4.0), (13.0, 16, 1.0)],
+    ("now", "shown"),
+    [(92.0, "in 8 s"), (92.5, "in 8 s"), (99.9999999, "in 1 s"), (100.0, "in 0 s"), (100.25, "in 0.2 s")],
 )
-def test_a_countdown_goes_in_steps(left, shown, changes_in):
+def test_a_countdown_shows_whole_seconds_until_its_moment(now, shown):
+    assert Timed("in ", 100.0).at(now) == shown
+    assert printed(prefixed("again ", Timed("in ", 100.0, ": no")), now) == f"again {shown}: no"
+    assert printed(prefixed("again ", "soon"), now) == "again soon"
+
+
+def test_a_plan_holds_until_the_first_moment_that_it_asks_for():
     robot = exclusive("a", a=1)
     view = View(robot.s, robot, lambda _: pytest.fail("no plan is read"), hurry=False)
-    assert (view.countdown(100.0), view.countdown(99.0), view.until) == (0, 0, inf)
-    assert view.countdown(100.0 + left) == shown
-    assert view.until == pytest.approx(100.0 + changes_in, abs=1e-5)
-    view.countdown(500.0)
-    assert view.until <= 100.0 + changes_in, "the first change counts"
-    assert not view.volatile
+    assert (view.has_come(100.0), view.has_come(99.0), view.until) == (True, True, inf)
+    assert [view.has_come(moment) for moment in (101.0, 100.5, 500.0)] == [False] * 3
+    assert (view.until, view.volatile) == (100.5, False)
     assert (view.now, view.volatile) == (100.0, True)

@@ -274,6 +274,9 @@ def test_what_is_joined_follows_what_it_joins(specs, option, events):
 @pytest.mark.parametrize("case", sorted(ROBOTS.glob("*.json")), ids=lambda path: path.stem)
 def test_a_robot_that_failed_once_does_not_again(case):
     found = json.loads(case.read_text())
+    if "departures" in found:
+        listed = found["departures"].items()
+        found["departures"] = {tuple(k.split()): tuple(Departure(at, tuple(to)) for at, to in v) for k, v in listed}
     globals()[found.pop("property")].hypothesis.inner_test(**found)
 
 
@@ -327,14 +330,14 @@ def planned(folder: Path, count: int) -> int:
 
 
 def test_services_that_wait_for_their_next_try_cost_little(tmp_path):
-    """They are planned when their try is due, and when the seconds that are shown change."""
+    """They are planned when their try is due."""
     count, costs = 40, []
     robot = SimRobot(load_or_raise(write_tree(tmp_path, {f"s{n:02}": {"always_on": True} for n in range(count)})))
     robot.faults.crash_after = {f"s{n:02}": 1 + n / 100 for n in range(count)}  # seldom two at once
     robot.run(lambda r: r.now > 120, 200)
     robot.run(lambda r: costs.append(len(r.decision.planned.replanned)) or r.now > 240, 200)
     assert len(costs) > 3 * count
-    assert sum(costs) < 10 * len(costs)
+    assert sum(costs) < 2 * len(costs)
 
 
 FOLLOWING = st.lists(

@@ -100,7 +100,7 @@ def _one(decision: Decision, status: Status | None, question: Question) -> Ready
         since = question.since_of(situation.desired.catalog.services[name])
         return _probed(situation.memory.of(name), since, status.incarnation, question.waits)
     waitings = [w for w in decision.plan.waitings if w.service == name]
-    waiting = next((w.reason for w in waitings), "")
+    waiting = next(iter(decision.plan.reasons().get(name, ())), "")
     why = (
         status.held
         or situation.preempted.get(name)

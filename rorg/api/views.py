@@ -80,7 +80,7 @@ def _why(current: Current, name: str) -> dict[str, Any]:
         "needed_by": sorted(s.name for s in catalog.services.values() if name in s.needs),
         "waits": [
             *([str(silence)] if (silence := current.decision.situation.observed.silence) else ()),
-            *(w.reason for w in current.decision.plan.waitings if w.service == name),
+            *current.decision.plan.reasons().get(name, ()),
             *_probing(status),
         ],
         "cautions": status.cautions,

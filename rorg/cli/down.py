@@ -188,6 +188,6 @@ def _left(decision: Decision | None) -> str:
     """The containers that are still there, with the reason if known."""
     if decision is None:
         return ""
-    waits = {w.service: w.reason for w in decision.plan.waitings}
+    waits = decision.plan.reasons()
     names = sorted({c.service for c in decision.situation.observed.containers})
-    return ": " + "; ".join(f"{n}: {waits[n]}" if n in waits else n for n in names)
+    return ": " + "; ".join(f"{n}: {waits[n][-1]}" if n in waits else n for n in names)

@@ -8,7 +8,7 @@ from collections.abc import Collection
 from rorg.core.deferred import held_back
 from rorg.core.joining import awaited, ended, is_cut_off
 from rorg.core.operations import Create, Operation, Rename, Start, Stop
-from rorg.core.plan import Part, Waiting
+from rorg.core.plan import Part, Reason, Timed, Waiting, prefixed
 from rorg.core.room import FREE, Passage, room
 from rorg.core.ros_parameters import due
 from rorg.core.situation import View
@@ -37,7 +37,7 @@ def _objects(view: View, service: Service, step: Step) -> Passage:
         plan = view.earlier(subject)
         if plan.unready:
             code = next((w.code for w in plan.waitings), "")
-            return (), Waiting(service.name, f"{subject} {plan.unready}", code=code)
+            return (), Waiting(service.name, prefixed(f"{subject} ", plan.unready), code=code)
     return tuple(subject for subject in uses if view.has_actions(subject)), None
 
 
@@ -65,9 +65,9 @@ def _gate(view: View, service: Service, step: Step) -> Passage:
         # It would read what rorg has not read yet, and be restarted for that under its requester.
         return (), Waiting(name, f"{', '.join(sorted(written))} is being written")
     tried = memory.attempt(operation)
-    if tried and tried.at and (left := view.countdown(tried.at)):
+    if tried and tried.at and not view.has_come(tried.at):
         word = "stalled" if memory.stalled else "failed"
-        reason = f"{operation.verb} {word}: {tried.error or 'no effect'}; again in {format_seconds(left)}"
+        reason = Timed(f"{operation.verb} {word}: {tried.error or 'no effect'}; again in ", tried.at)
         return (), Waiting(name, reason, tried.at, "failed")
     swap = step.part_of is Part.REPLACE and isinstance(operation, (Stop, Rename))
     locked = view.s.interlocks.get(name, "") if swap or operation.felt else ""
@@ -108,7 +108,7 @@ def _join(view: View, service: Service) -> Passage:
     for need in service.joins:
         if not view.of(need):
             reason = view.unready(need) or "has no container to be joined to"
-            return (), Waiting(service.name, f"{need} {reason}", _ready_at(view, need))
+            return (), Waiting(service.name, prefixed(f"{need} ", reason), _ready_at(view, need))
     return (), awaited(view, service)
 
 
@@ -122,7 +122,7 @@ def _start(view: View, service: Service, step: Step) -> Passage:
         if not reason and need not in after and need in ends_with(service.joins):
             reason = ended(view, service, need, begun)
         if reason:
-            return (), Waiting(name, f"{need} {reason}", _ready_at(view, need))
+            return (), Waiting(name, prefixed(f"{need} ", reason), _ready_at(view, need))
     made, waiting = room(view, service)
     return ((), waiting) if waiting else ((*after, *made), None)
 
@@ -144,7 +144,7 @@ def _ready_at(view: View, need: str) -> float | None:
     return None
 
 
-def unready(view: View, service: Service, blocked: str, planned: Collection[Operation]) -> str:
+def unready(view: View, service: Service, blocked: Reason, planned: Collection[Operation]) -> Reason:
     """Return what View.unready() says about a service after it was planned. `blocked` is why its chain stops, after
     the `planned` operations. A service that runs and goes on is as ready as before, even if a change of it has to
     wait."""
@@ -153,18 +153,18 @@ def unready(view: View, service: Service, blocked: str, planned: Collection[Oper
     if progress.ready and goes_on:
         return ""
     if blocked and not goes_on:
-        return f"waits: {blocked}"
+        return prefixed("waits: ", blocked)
     if (planned and not blocked) or view.s.completed(service.name):
         return ""
     if progress.running_since is None:
         return f"is not running ({progress.error or 'ended'})"
     ready = service.ready
     if ready is not None and ready.completed:
-        return f"has not ended ({format_seconds(view.now - progress.running_since)})"
+        return Timed("has not ended (", progress.running_since, ")")
     seconds = None if ready is None else ready.timeout if ready.delay is None else ready.delay
     limit = "" if seconds is None else f" of {format_seconds(seconds)}"
     detail = f": {progress.probe}" if progress.probe else ""
-    return f"is not ready ({format_seconds(view.now - progress.running_since)}{limit}){detail}"
+    return Timed("is not ready (", progress.running_since, f"{limit}){detail}")
 
 
 def _cease(view: View, service: Service) -> Passage:
@@ -181,8 +181,8 @@ def _cease(view: View, service: Service) -> Passage:
     if view.hurry:
         return tuple(after), None
     until = _lingers_until(view, service)
-    if until is not None and until > view.now:
-        return (), Waiting(name, f"not wanted; lingers for {format_seconds(until - view.now)}", until)
+    if until is not None and not view.has_come(until):
+        return (), Waiting(name, Timed("not wanted; lingers for ", until), until)
     return tuple(after), None
 
 

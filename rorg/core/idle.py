@@ -176,7 +176,7 @@ def _deactivate(view: View, service: Service, container: Container, why: str) ->
     if service.domain is None or not service.managed:
         return [stop(container, why, service)], None
     if (since := view.s.unreported.get(graph)) is not None:
-        if view.now < since + UNREPORTED:
+        if not view.has_come(since + UNREPORTED):
             return [], since + UNREPORTED
         failed = failed or f"nothing reports the graph of {graph}"
     if failed:
@@ -210,9 +210,9 @@ def _escalate(view: View, service: Service, container: Container, since: float, 
         return [], None
     if action == "pause" and container.state != "inactive":
         return [], None
-    if since + after > view.now:
+    if not view.has_come(since + after):
         return [], since + after if container.asleep or action == "remove" else None
-    why = f"not wanted for {format_seconds(view.now - since)}"
+    why = f"not wanted for {format_seconds(after)}"
     if action == "pause":
         return [_pause(view, service, container, why)], None
     if action == "remove":

@@ -47,7 +47,7 @@ class Planned:
     no_linger: frozenset[str]
     volatile: frozenset[str]
     counting: frozenset[str]
-    """Services whose plan counts down to something; see ServicePlan.until."""
+    """Services whose plan changes at a known time; see ServicePlan.until."""
     queue: Sequence[QueueEntry]
     replanned: tuple[str, ...]
     """Services planned in this pass."""
@@ -71,10 +71,8 @@ class Planned:
         waitings += chain.from_iterable(map(attrgetter("notes"), plans))
         if s.suspended:
             waitings.append(Waiting("rorg", s.suspended, code="suspended"))
-        # A plan with an alarm depends on the time, so it is volatile.
-        alarms = [alarm for name in self.volatile if (alarm := self.plans[name].alarm) is not None]
         actions = tuple(chain.from_iterable(map(attrgetter("actions"), plans)))
-        return Plan(actions, tuple(waitings), min(alarms, default=None))
+        return Plan(actions, tuple(waitings), s.now)
 
 
 def plan_all(situation: Situation) -> Planned:

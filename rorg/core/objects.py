@@ -66,7 +66,7 @@ no such objects."""
 def object_views(situation: Situation, plan: Plan) -> list[dict[str, Any]]:
     """Return one entry per object, sorted by kind and name, as plain JSON."""
     objects, declared = situation.observed.objects, situation.desired.objects
-    reasons: dict[str, str] = {w.service: w.reason for w in plan.waitings}
+    reasons = {name: texts[-1] for name, texts in plan.reasons().items()}
     views = [_declared(situation, declared_object, reasons.get(name, "")) for name, declared_object in declared.items()]
     keys = {declared_object.key for declared_object in declared.values()}
     for key, left in objects.found.items() if objects else ():

@@ -44,11 +44,9 @@ class Overview:
     def entries(self) -> list[Entry]:
         """Return one entry per service in the plan, in its order."""
         actions: dict[str, list[Action]] = {}
-        waits: dict[str, list[str]] = {}
+        waits = self.plan.reasons()
         for action in self.plan.actions:
             actions.setdefault(action.service, []).append(action)
-        for waiting in self.plan.waitings:
-            waits.setdefault(waiting.service, []).append(waiting.reason)
         names = dict.fromkeys([*actions, *waits])
         return [self._entry(name, actions.get(name, []), waits.get(name, [])) for name in names]
 

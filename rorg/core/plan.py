@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
-from math import inf
+from math import ceil, inf
 from typing import Any
 
 from rorg.core.operations import OPERATIONS, Operation, Stop
 from rorg.model.codes import BAKING, IMAGE, PARAMETERS
+from rorg.model.units import format_seconds
 
 
 class Part(StrEnum):
@@ -92,11 +93,44 @@ class Action:
 
 
 @dataclass(frozen=True, slots=True)
+class Timed:
+    """A text that shows the seconds until a moment, or since it: `again in 8 s`, `is not ready (3 s of 30 s)`.
+
+    It holds the moment, by the loop's clock, and not the seconds. So it is equal from pass to pass, and a plan that
+    contains it need not be made again because time goes by.
+    """
+
+    before: str
+    moment: float
+    after: str = ""
+
+    def at(self, now: float) -> str:
+        """Return the text as of now. A countdown shows whole seconds, and ends with 1 s."""
+        left = self.moment - now
+        seconds = max(1.0, float(ceil(left - 1e-6))) if left > 0 else now - self.moment
+        return f"{self.before}{format_seconds(seconds)}{self.after}"
+
+
+Reason = str | Timed
+"""Why something waits."""
+
+
+def prefixed(prefix: str, reason: Reason) -> Reason:
+    """Return a reason with words in front of it."""
+    return prefix + reason if isinstance(reason, str) else replace(reason, before=prefix + reason.before)
+
+
+def printed(reason: Reason, now: float) -> str:
+    """Return the text of a reason as of now."""
+    return reason if isinstance(reason, str) else reason.at(now)
+
+
+@dataclass(frozen=True, slots=True)
 class Waiting:
     """Something that cannot be done yet."""
 
     service: str
-    reason: str
+    reason: Reason
     until: float | None = None
     """When to look again, by the loop's clock, if that is known."""
     code: str = ""
@@ -128,16 +162,23 @@ class Waiting:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """Actions and waitings, in order."""
+    """Actions and waitings, in order. Its texts show seconds as of `now`, by the loop's clock."""
 
     actions: tuple[Action, ...] = ()
     waitings: tuple[Waiting, ...] = ()
-    alarm: float | None = None
-    """When something will have to be done although nothing waits for it, by the loop's clock."""
+    now: float = 0.0
 
     @property
     def empty(self) -> bool:
         return not self.actions and not self.waitings
+
+    def reasons(self, *codes: str) -> dict[str, list[str]]:
+        """Return why each service waits, in order; with codes, only for these."""
+        reasons: dict[str, list[str]] = {}
+        for waiting in self.waitings:
+            if not codes or waiting.code in codes:
+                reasons.setdefault(waiting.service, []).append(printed(waiting.reason, self.now))
+        return reasons
 
     def text(self) -> str:
         """Return the canonical text, step by step: what `rorg diff -o wide` prints and planner tests compare."""
@@ -153,7 +194,7 @@ class Plan:
             reason = ", ".join(filter(None, ["" if part else action.why, _after(action)]))
             reason = " ".join(filter(None, [reason, _details(action)]))
             lines.append(("    " if part else "") + _line(action.verb, action.service, width, reason))
-        lines += [_line("wait", w.service, width, w.reason) for w in self.waitings]
+        lines += [_line("wait", w.service, width, printed(w.reason, self.now)) for w in self.waitings]
         # A reason may quote a program's output; keep it on one line.
         return "".join(line.replace("\n", "\\n").rstrip() + "\n" for line in [*lines, self.summary()])
 
@@ -180,7 +221,9 @@ class Plan:
     def beside_actions(self) -> dict[str, Any]:
         """Return the part of as_json() besides actions."""
         return {
-            "waitings": [{"service": w.service, "reason": w.reason, "code": w.code} for w in self.waitings],
+            "waitings": [
+                {"service": w.service, "reason": printed(w.reason, self.now), "code": w.code} for w in self.waitings
+            ],
             "summary": self.summary(),
         }
 
@@ -217,12 +260,12 @@ class ServicePlan:
     waitings: tuple[Waiting, ...] = ()
     notes: tuple[Waiting, ...] = ()
     alarm: float | None = None
-    unready: str = ""
+    unready: Reason = ""
     """What services that need this one wait for; "" if it is ready or will be by this plan."""
     volatile: bool = False
-    """The plan depends on the time or on unrelated services, so it is made again in every pass."""
+    """The plan depends on every moment or on unrelated services, so it is made again in every pass."""
     until: float = inf
-    """Otherwise it changes with the time only from here on."""
+    """Otherwise it changes with the time only from then on."""
 
     @property
     def busy(self) -> bool:

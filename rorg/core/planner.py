@@ -13,13 +13,12 @@ from collections.abc import Collection, Iterable, Mapping, Set
 from rorg.core.gates import gate, unready
 from rorg.core.object_plans import declared_chain, declared_objects, former_chain, former_objects
 from rorg.core.operations import CreateObject
-from rorg.core.plan import NOTHING, Action, ServicePlan, Waiting
+from rorg.core.plan import NOTHING, Action, Reason, ServicePlan, Timed, Waiting, prefixed
 from rorg.core.reconcile import chain
 from rorg.core.situation import Exclusive, Situation, View
 from rorg.core.steps import Chain, Step, away
 from rorg.model.catalog import Service
 from rorg.model.codes import OWNER
-from rorg.model.units import format_seconds
 
 LAST = -1
 """Priority of services that are not requested yet: below every other."""
@@ -88,13 +87,12 @@ class Planner:
         flight = self.s.memory.in_flight.get(name)
         service = self.services[name] if name in self.s.desired.digests else Service(name)
         if flight:
-            under_way = f"{flight.action.verb} under way for {format_seconds(view.now - flight.since)}"
-            return ServicePlan(unready=f"waits: {under_way}", volatile=True)
+            return ServicePlan(unready=Timed(f"waits: {flight.action.verb} under way for ", flight.since))
         led = self._chain(name, service, view)
         actions, waitings, blocked = self._let_through(service, led.steps, view)
         if led.waiting:
             waitings, blocked = (led.waiting,), led.waiting.reason
-        missing = f"waits: {blocked}" if blocked else ""
+        missing = prefixed("waits: ", blocked) if blocked else ""
         if not led.waiting and self.s.desired.dependants.get(name):
             missing = unready(view, service, blocked, [a.operation for a in actions])
         return ServicePlan(
@@ -130,7 +128,7 @@ class Planner:
 
     def _let_through(
         self, service: Service, steps: Iterable[Step], view: View
-    ) -> tuple[tuple[Action, ...], tuple[Waiting, ...], str]:
+    ) -> tuple[tuple[Action, ...], tuple[Waiting, ...], Reason]:
         """Return a chain's steps up to the first that must wait, what is waited for, and why the chain stops there. An
         optional step that must wait does not stop the chain."""
         actions: list[Action] = []

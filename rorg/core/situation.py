@@ -1,18 +1,18 @@
 """Everything that a plan depends on: the situation, and the planner's view of it while it plans one service. The view
-records whether the plan depends on the time or on all containers, so that such a plan is made again in every pass."""
+records until when the plan holds, and whether it depends on all containers, so that it is made again when necessary."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from math import ceil, inf
+from math import inf
 
 from rorg.core.desired import Desired
 from rorg.core.digest import rules_of
 from rorg.core.memory import Memory
 from rorg.core.observed import Container, Observed
 from rorg.core.peers import NOBODY, Peers
-from rorg.core.plan import ServicePlan
+from rorg.core.plan import Reason, ServicePlan
 from rorg.core.ros_graph import Graphs
 from rorg.core.wanted import Wanted
 from rorg.model.catalog import Service
@@ -164,17 +164,10 @@ class Exclusive:
         return self.s.starting(name) or any(c.alive for c in self.s.observed.of(name))
 
 
-STEP = 4
-"""Seconds between two numbers of a countdown, unless less than two steps are left."""
-SAME = 1e-6
-"""Seconds, and steps, that count as nothing."""
-
-
 class View:
     """A situation, seen from one service, network or volume. Its plan may depend on itself, on related services (see
     depending_plans in incremental.py) and on the plans before it in order. Reading `now` or `all_containers` adds a
-    dependency on everything and marks the plan as `volatile`; a countdown() makes it hold `until` that shows another
-    number.
+    dependency on everything and marks the plan as `volatile`; has_come() makes it hold `until` a moment.
 
     - `earlier`: returns the plan of a service that comes before this one, and an empty plan for every other, so that
       the result does not depend on the order of planning within a pass;
@@ -189,16 +182,12 @@ class View:
         self.of, self.current = situation.observed.of, situation.observed.current
         self.volatile, self.until = False, inf
 
-    def countdown(self, moment: float) -> int:
-        """Return the seconds left until a moment, 0 if it is over: in steps, so that a service that waits for long
-        need not be planned again in every pass."""
-        left = moment - self.s.now
-        if left <= 0:
-            return 0
-        step = 1 if left <= 2 * STEP else STEP
-        shown = max(step, step * ceil(left / step - SAME))
-        self.until = min(self.until, moment - (shown - step) - SAME)
-        return shown
+    def has_come(self, moment: float) -> bool:
+        """Return whether a moment has come. The plan must be made again when it comes."""
+        if moment <= self.s.now:
+            return True
+        self.until = min(self.until, moment)
+        return False
 
     def mark_volatile(self) -> None:
         """Let this plan be made again in every pass, because it depends on more than incremental planning knows."""
@@ -227,7 +216,7 @@ class View:
         """Return whether a service runs because of the plan before this one, even if only to end."""
         return self.earlier(name).runs
 
-    def unready(self, name: str) -> str:
+    def unready(self, name: str) -> Reason:
         """Return why a service is not ready and the plan will not change that; "" otherwise."""
         service = self.desired.catalog.services.get(name)
         if service is None:

@@ -66,7 +66,7 @@ def _unfinished(decision: Decision) -> Standing | None:
     doing = _first_of_tree(flights) or _first_of_tree(plan.actions)
     if doing:
         return Standing(APPLYING, doing)
-    if failures := {w.service: w.reason for w in plan.waitings if w.code in (NO_IMAGE, BLOCKED)}:
+    if failures := {name: reasons[-1] for name, reasons in plan.reasons(NO_IMAGE, BLOCKED).items()}:
         return _failure(failures)
     if waits := _waits(situation, plan):
         return Standing(APPLYING, waits)
@@ -115,14 +115,13 @@ def _known_failures(situation: Situation) -> dict[str, str]:
 
 def _waits(situation: Situation, plan: Plan) -> str:
     """Return what remains to be done and what it waits for."""
-    waitings = [w for w in plan.waitings if w.code in (IMAGE, DEFERRED, CONFIRM, "withheld")]
-    if waitings:
-        return f"{waitings[0].service}: {waitings[0].reason}"
-    containers, reasons = situation.observed.by_service(), {w.service: w.reason for w in plan.waitings}
+    for name, reasons in plan.reasons(IMAGE, DEFERRED, CONFIRM, "withheld").items():
+        return f"{name}: {reasons[0]}"
+    containers, waits = situation.observed.by_service(), plan.reasons()
     for name in situation.desired.editions:
         existing = containers.get(name, ())
         if existing and not any(fits(c, name, situation.desired) for c in existing):
-            return f"{name}: {reasons.get(name) or 'its container differs from its manifest'}"
+            return f"{name}: {waits[name][-1] if name in waits else 'its container differs from its manifest'}"
         if _asked(situation, name) and not _baked(situation, name) and not (existing and existing[0].alive):
-            return f"{name}: {reasons.get(name) or 'it does not run'}"
+            return f"{name}: {waits[name][-1] if name in waits else 'it does not run'}"
     return ""

@@ -137,7 +137,7 @@ class _Assessed:
 
     def __init__(self, situation: Situation, plan: Plan, holds: Mapping[str, str]) -> None:
         self.s, self.holds = situation, holds
-        self.waiting = {w.service: w.reason for w in plan.waitings}
+        self.waiting = {name: reasons[-1] for name, reasons in plan.reasons().items()}
         self.actions: dict[str, list[Action]] = {}
         """Service -> the action under way and those in the plan."""
         for action in (*(flight.action for flight in situation.memory.in_flight.values()), *plan.actions):

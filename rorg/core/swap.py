@@ -10,7 +10,7 @@ from rorg.core.devices import NODES
 from rorg.core.memory import STALLED_AFTER
 from rorg.core.observed import Container
 from rorg.core.operations import Create
-from rorg.core.plan import Waiting
+from rorg.core.plan import Timed, Waiting
 from rorg.core.rollout import came_up_at, candidate
 from rorg.core.situation import View
 from rorg.model.catalog import Service
@@ -40,7 +40,7 @@ class Swap:
         """What `old` itself goes back to while that is on trial."""
         tried = self.step.attempt(Create)
         held = new is None and held_back(view, service, changed) is not None
-        self.denied = held or (new is None and bool(tried and tried.at and tried.at > view.now))
+        self.denied = held or (new is None and bool(tried and tried.at and not view.has_come(tried.at)))
         """Whether it cannot or must not be created now."""
         self.failed = ""
         """Why the desired edition is not tried again, in words."""
@@ -90,12 +90,12 @@ class Swap:
             since, limit, what = step.well_since, self.service.update.bake, "has been well"
         if since is None or limit is None:
             return Waiting(self.service.name, f"{kept} {what}")
-        seconds = f"({format_seconds(self.view.now - since)} of {format_seconds(limit)})"
+        reason = Timed(f"{kept} {what} (", since, f" of {format_seconds(limit)})")
         up = came_up_at(step, self.service)
-        if up is None or up > self.view.now:
-            return Waiting(self.service.name, f"{kept} {what} {seconds}", since + limit if up is None else up)
-        if since + limit > self.view.now:
-            return Waiting(self.service.name, f"{kept} {what} {seconds}", since + limit, BAKING)
+        if up is None or not self.view.has_come(up):
+            return Waiting(self.service.name, reason, since + limit if up is None else up)
+        if not self.view.has_come(since + limit):
+            return Waiting(self.service.name, reason, since + limit, BAKING)
         if step.unproven_since is not None:
             return Waiting(self.service.name, f"{kept} is known to be well", code=BAKING)
         return Waiting(self.service.name, f"{kept} and those that change together with it are well", code=BAKING)

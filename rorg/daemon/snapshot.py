@@ -13,7 +13,7 @@ from rorg.core.decide import Decision
 from rorg.core.memory import Progress
 from rorg.core.objects import object_views
 from rorg.core.observed import Observed
-from rorg.core.plan import Action, Plan
+from rorg.core.plan import Action, Plan, Timed
 from rorg.core.pressure import MEASURES
 from rorg.core.status import Statuses
 from rorg.daemon.tree import Tree
@@ -131,6 +131,7 @@ class Snapshots:
             # Time alone makes them late, or ends their trial.
             stale.update(n for n, p in runs if not p.ready or len(containers.get(n, ())) > 1)
             stale.update(situation.peers.remotes, situation.peers.unknown)
+            stale.update(w.service for w in decision.plan.waitings if isinstance(w.reason, Timed))
         else:
             self._services, stale = {}, None
         statuses = Statuses(situation, decision.plan, decision.holds)

@@ -38,6 +38,7 @@ def same_as_anew(read: Inputs, found: Decision) -> None:
     """What is kept from one pass for the next one changes nothing but the time that it takes."""
     anew = decide(replace(read, cache=None, memory=replace(read.memory, admitted=Admitted())))
     assert found.plan == anew.plan, f"{found.plan.text()}\nanew:\n{anew.plan.text()}"
+    assert found.planned.plans == anew.planned.plans
     assert found.begin == anew.begin
     assert found.memory == replace(anew.memory, admitted=found.memory.admitted)
     assert dict(found.to_probe) == dict(anew.to_probe)
