@@ -80,16 +80,20 @@ export const ask = {
   hold(name) {
     show({
       title: `Hold ${name}`,
-      plan: [`rorg does not touch ${name} for so long: it neither starts, stops nor replaces it.`],
+      plan: [
+        `Stops or pauses ${name}, as its idle policy says, and keeps it from being active for so long, even if it is requested.`,
+        `These need it and go with it: ${list(relying(name), "nothing that is active")}.`,
+      ],
       fields: [["minutes", "Minutes", "10"], ["reason", "Reason", ""]],
       verb: "Hold",
-      run: ({ minutes, reason }) => call("PUT", `/v1/holds/${encode(name)}`, { duration: `${minutes}m`, reason }),
+      run: ({ minutes, reason }, force) =>
+        call("PUT", `/v1/holds/${encode(name)}`, { duration: `${minutes}m`, reason, force }),
     });
   },
   unhold(name) {
     show({
       title: `End the hold of ${name}`,
-      plan: [`rorg looks after ${name} again.`],
+      plan: [`${name} is active again as soon as something wants it.`],
       verb: "End the hold",
       run: () => call("DELETE", `/v1/holds/${encode(name)}`),
     });
