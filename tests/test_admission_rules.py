@@ -12,7 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rorg.core.admission import Admission, Admitted, admission_for, admit, over_budget
+from rorg.core.admission import Admitted, admission_for, admit, over_budget
+from rorg.core.contests import Admission
 from rorg.core.priorities import effective_priorities
 from rorg.core.wanted import wanted
 from rorg.model.catalog import Catalog, Group, Request, Service

@@ -142,9 +142,38 @@ def test_what_a_service_waits_for_reads_as_a_sentence(shell):
         shell("request", name, "--id", name)
     wait_for(lambda: "tracker" in shell.active() and "camera" not in shell.active())
     lines = shell("why", "camera").stdout.splitlines()
-    assert lines[1:] == ["  it waits for gpu, which is taken by tracker"]
+    assert lines[0].endswith("preempted:")
+    assert lines[1:] == [
+        "  camera (requested by developer (camera))",
+        "    developer (meta-service)",
+        "  request 'camera' of developer names it",
+        "  it waits for gpu, which is taken by tracker",
+        "  tracker (requested by developer (tracker)) <- developer (meta-service) is active",
+        "  to let it in: `rorg release tracker`",
+    ]
+    (row,) = json.loads(shell("get", "camera", "-o", "json").stdout)
+    assert (row["health"], row["why"], row["rivals"]) == ("Preempted", "requested by developer (camera)", ["tracker"])
+    assert row["message"] == "waits for gpu, which is taken by tracker"
     shell("hold", "tracker", "--for", "10m", "--yes")
-    assert shell("why", "tracker").stdout.splitlines()[-1].startswith("  it waits: held until ")
+    lines = shell("why", "tracker").stdout.splitlines()
+    assert lines[0].endswith(" waiting:")
+    assert lines[-2].startswith("  it waits: held until ")
+    assert lines[-1] == "  to let it in: `rorg hold tracker --end`"
+    shell("hold", "tracker", "--end")
+    shell("release", "tracker")
+    wait_for(lambda: "camera" in shell.active())
+
+
+def test_only_what_would_let_a_service_in_is_suggested(shell):
+    gpu = {"exclusive": ["gpu"]}
+    specs = {"camera": gpu, "base": {**gpu, "always_on": True, "priority": 90}, "viewer": {"needs": ["camera"]}}
+    write_tree(shell.tree, specs)
+    shell.run()
+    shell("request", "viewer")
+    lines = shell("why", "viewer").stdout.splitlines()
+    assert lines[0].endswith(" preempted:")
+    assert "  it waits: camera waits for gpu, which is taken by base" in lines
+    assert "rorg release" not in "".join(lines), "no request keeps the base active"
 
 
 def test_requests_that_cannot_be_accepted(shell):

@@ -140,9 +140,13 @@ def test_what_a_person_holds_and_what_gives_way_say_why(robot):
     robot.hold("base", 100, "cleaning")
     robot.wait(lambda: robot.active() == {"drive"} and robot.waits("arm"))
     found = statuses(robot)
-    assert found["base"].why == found["base"].held != ""
+    assert found["base"].trouble == found["base"].held != ""
     assert "cleaning" in found["base"].held
-    assert found["arm"].why == "waits for gpu, which is taken by drive"
+    assert found["arm"].trouble == "waits for gpu, which is taken by drive"
+    assert {n: found[n].why for n in ("base", "arm")} == dict.fromkeys(("base", "arm"), "requested by developer (test)")
+    assert [found[n].health for n in ("base", "arm", "drive")] == ["Waiting", "Preempted", "Healthy"]
+    assert (found["arm"].rivals, found["base"].rivals, found["drive"].rivals) == (("drive",), (), ())
+    assert not found["arm"].wanted
     assert found["drive"].held == ""
 
 

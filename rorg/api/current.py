@@ -61,7 +61,7 @@ class Current:
             raise Refused(
                 f"request as {requester}",
                 f"{requester} does not run, and a request belongs to a run of its requester",
-                "`rorg request {requester}` first",
+                f"`rorg request {requester}` first",
             )
         return self.statuses[requester].incarnation
 

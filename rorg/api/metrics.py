@@ -17,12 +17,12 @@ from rorg import __version__
 from rorg.api.callers import needs
 from rorg.api.operations import Operations
 from rorg.core.pressure import MEASURES
+from rorg.model.health import Health
 
 if TYPE_CHECKING:
     from prometheus_client import Metric
 
 OPEN_METRICS = "application/openmetrics-text"
-HEALTHS = ("Healthy", "Progressing", "Degraded", "Idle", "Completed", "Unknown")
 
 
 def add_metrics(app: FastAPI, operations: Operations) -> None:
@@ -95,13 +95,13 @@ def _of_services(operations: Operations) -> Iterable[Metric]:
     health = StateSetMetricFamily("rorg_service_health", "The health that `rorg get` shows.", labels=["service"])
     crashes = CounterMetricFamily("rorg_service_crashes", "Unexpected ends since rorg began.", labels=["service"])
     for name, status in statuses.items():
-        health.add_metric([name], {h: h == status.health for h in HEALTHS})
+        health.add_metric([name], {h: h == status.health for h in Health})
         crashes.add_metric([name], status.crashes)
     wanted = {n: s.wanted for n, s in statuses.items()}
     shed = {s.service for s in operations.decision.memory.pressure.shed}
     yield health
     yield crashes
-    yield _gauges("rorg_service_wanted", "Whether a request or its manifest wants it.", "service", wanted)
+    yield _gauges("rorg_service_wanted", "Whether it must be active now.", "service", wanted)
     yield _gauges("rorg_service_shed", "Whether it gave way to pressure.", "service", {n: n in shed for n in statuses})
 
 

@@ -7,6 +7,8 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, Field
 
+from rorg.model.health import Health
+
 
 class Ready(BaseModel):
     """Whether one service is ready."""
@@ -52,10 +54,11 @@ class ServiceView(BaseModel):
         description="The engine's word, as seen last; stopping while a stop is under way, none without a container, "
         "meta for a meta-service, unknown before the engine has answered."
     )
-    sync: str = Field(description="Synced, OutOfSync or Unknown.")
-    health: str = Field(description="Healthy, Progressing, Degraded, Idle, Completed or Unknown.")
-    wanted: bool
-    why: str
+    sync: str = Field(description="Synced, OutOfSync or Unknown: whether its container is as its manifest declares it.")
+    health: str = Field(description=f"One of {', '.join(Health)}.")
+    wanted: bool = Field(description="It must be active now.")
+    why: str = Field(description="Who wants it, even if it is kept out; otherwise what keeps it idle.")
+    rivals: list[str] = Field(default=[], description="Active services that have what it waits for.")
     message: str = Field(description="What keeps it from its desired state; empty if nothing does.")
     container: str
     incarnation: str = Field(description="The run of its container; empty if none is alive.")
@@ -182,15 +185,27 @@ class Link(BaseModel):
     text: str = Field(description="The same, for people.")
 
 
+class Rival(BaseModel):
+    """An active service that has what another one waits for."""
+
+    service: str
+    text: str = Field(description="Who wants it, from the service to a root.")
+
+
 class Why(BaseModel):
     """Why a service is active, or why not."""
 
     service: str
     wanted: bool
     state: str
-    chain: list[Link] = Field(description="From the service to a root; empty if it is not wanted.")
+    health: str = Field(description=f"One of {', '.join(Health)}.")
+    chain: list[Link] = Field(
+        description="Who wants it, from the service to a root, even if it is kept out; empty if nothing does."
+    )
     requests: list[RequestView] = Field(description="Those that name it, or a group of it.")
     needed_by: list[str] = Field(description="Services whose manifests need it.")
+    rivals: list[Rival] = Field(description="Active services that have what it waits for.")
+    remedies: list[str] = Field(description="Commands after which a service that is kept out may be active.")
     waits: list[str] = Field(description="Why rorg does not act on it now.")
     cautions: list[str] = Field(description="Effects of pausing it on others, and ROS nodes that others have too.")
 

@@ -28,6 +28,7 @@ from rorg.host.listeners import calling, lineage, listening
 from rorg.host.load import machine
 from rorg.model.catalog import Catalog, Group, Request
 from rorg.model.graph import closure
+from rorg.model.health import Health
 from rorg.store.committer import Committer
 from rorg.store.requests_document import RequestsDocument
 from rorg.store.requests_file import RequestsFile
@@ -108,7 +109,8 @@ class Operations:
         if decision.plan.actions or decision.memory.in_flight or not decision.situation.observed.complete:
             return False
         return not any(
-            s.health == "Progressing" or s.condition("Updated").reason == "OnTrial" for s in self.statuses().values()
+            s.health is Health.PROGRESSING or s.condition("Updated").reason == "OnTrial"
+            for s in self.statuses().values()
         )
 
     @property

@@ -25,6 +25,7 @@ from rorg.api.models import (
 from rorg.api.operations import Operations
 from rorg.api.permissions import allow, allow_call
 from rorg.api.status_models import EngineView, PlanView, StatusView, SummaryView
+from rorg.api.why import why_active
 from rorg.daemon.snapshot import engine_json
 from rorg.errors import RorgError
 
@@ -116,7 +117,7 @@ def _add_services(app: FastAPI, operations: Operations) -> None:
     @app.get("/v1/services/{name}/why", dependencies=read, response_model=list[Why])
     async def why(name: str) -> Response:
         """Why a service, or each of a group, is active, or why not."""
-        return text(views.why(operations.current, name))
+        return text(why_active(operations.current, name))
 
     @app.get("/v1/listeners/{port}", dependencies=read, response_model=ProcessView)
     def listener(port: Port) -> Response:

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
-from rorg.api.current import Current, missing
+from rorg.api.current import Current
 from rorg.core.decide import Decision
 from rorg.core.desired import used_objects
 from rorg.core.overview import Overview
 from rorg.core.plan import Plan
-from rorg.core.status import Status
 from rorg.daemon.snapshot import request_json
 from rorg.model.catalog import Catalog, Request
 from rorg.model.graph import made_from, stands_on
+from rorg.model.health import Health
 
 
 def requests(current: Current) -> list[dict[str, Any]]:
@@ -42,62 +42,12 @@ def summary(current: Current, about: Mapping[str, Any], machine: str) -> dict[st
         "revision": tree["revision"],
         "standing": "refused" if refused else standing["code"],
         "reason": refused or standing["reason"],
-        "health": dict(Counter(s.health for s in wanted)),
-        "degraded": sorted(s.service for s in wanted if s.health == "Degraded")[:MOST_NAMED],
+        "health": dict(Counter(str(s.health) for s in wanted)),
+        "degraded": sorted(s.service for s in wanted if s.health is Health.DEGRADED)[:MOST_NAMED],
         "drift": sum(s.sync == "OutOfSync" for s in mine),
         "engine": str(silence or ""),
         "down": about["down"],
     }
-
-
-def why(current: Current, name: str) -> list[dict[str, Any]]:
-    """Why a service, or each of a group, is active, or why not. Raises Missing."""
-    catalog = current.catalog
-    names = catalog.members(name) or ((name,) if name in current.statuses else ())
-    if not names:
-        raise missing(name, {*catalog.services, *catalog.groups})
-    return [_why(current, n) for n in names]
-
-
-def _why(current: Current, name: str) -> dict[str, Any]:
-    """The chain from a service to a root, who requests it, what needs it, and what it waits for."""
-    status, catalog = current.statuses[name], current.catalog
-    return {
-        "service": name,
-        "wanted": status.wanted,
-        "state": status.state,
-        "chain": [
-            {
-                "service": link.service,
-                "kind": link.cause.kind,
-                "by": link.cause.by,
-                "request": link.cause.request,
-                "text": f"{_at(catalog, link.service)} ({link.cause})",
-            }
-            for link in status.chain
-        ],
-        "requests": [r for r in requests(current) if any(name in catalog.members(s) for s in r["services"])],
-        "needed_by": sorted(s.name for s in catalog.services.values() if name in s.needs),
-        "waits": [
-            *([str(silence)] if (silence := current.decision.situation.observed.silence) else ()),
-            *current.decision.plan.reasons().get(name, ()),
-            *_probing(status),
-        ],
-        "cautions": status.cautions,
-    }
-
-
-def _at(catalog: Catalog, name: str) -> str:
-    """A service with its machine, if the robot has several."""
-    machine = catalog.services[name].machine if name in catalog.services else ""
-    return f"{name}@{machine}" if machine else name
-
-
-def _probing(status: Status) -> Iterator[str]:
-    """The part of its probe that fails."""
-    ready = status.condition("Ready")
-    if status.wanted and ready.reason in ("Probing", "Late") and ready.message:
-        yield f"not ready: {ready.message}"
 
 
 def groups(catalog: Catalog) -> list[dict[str, Any]]:

@@ -10,10 +10,11 @@ import time
 from functools import cached_property
 from typing import Any
 
-from rorg.api import changes, views
+from rorg.api import changes
 from rorg.api.changes import Change
 from rorg.api.current import Current
 from rorg.api.inputs import PutRequest, SuspendBody, read, request_of, seconds_of
+from rorg.api.why import why_active
 from rorg.cli.context import Context
 from rorg.cli.local import decision, glance
 from rorg.cli.places import nobody
@@ -75,7 +76,7 @@ class Local:
         self._do(changes.suspend(seconds, asked.reason if asked else "", moment()))
 
     def why(self, name: str) -> list[Any]:
-        return views.why(self.looked, name)
+        return why_active(self.looked, name)
 
     def check_wait(self, what: str) -> None:
         if self.context.state.owner() is None:

@@ -121,6 +121,8 @@ COLOURS = {
     "Completed": "green",
     "Progressing": "yellow",
     "Degraded": "red",
+    "Preempted": "yellow",
+    "Waiting": "yellow",
     "Idle": "dim",
     "running": "green",
     "paused": "blue",

@@ -8,6 +8,7 @@ from rorg.cli.operations import operating
 from rorg.cli.options import Output, RobotEngine, ServiceName
 from rorg.cli.output import print_rows
 from rorg.cli.terminal import printable
+from rorg.model.health import Health
 
 if TYPE_CHECKING:
     from rorg_client.types import RequestView, Why
@@ -41,18 +42,27 @@ def _lines(entry: Why) -> list[str]:
 def _texts(entry: Why) -> list[str]:
     name = entry["service"]
     state = "has no container, and is" if entry["state"] == "none" else f"is {entry['state']}, and"
-    lines = [f"{name} {state} " + ("wanted:" if entry["wanted"] else "not wanted:")]
+    kept_out = Health(entry["health"]).kept_out
+    lines = [f"{name} {state} " + (f"{_word(entry)}:")]
     lines += [f"  {'  ' * depth}{link['text']}" for depth, link in enumerate(entry["chain"])]
-    lines += [f"  {_request(r)}" for r in entry["requests"] if entry["wanted"]]
-    if not entry["wanted"] and not entry["waits"]:
+    lines += [f"  {_request(r)}" for r in entry["requests"] if entry["wanted"] or kept_out]
+    if not (entry["wanted"] or kept_out or entry["waits"]):
         lines += [f"  {_request(r)}, but {r['requester']} is not active" for r in entry["requests"]]
         if not entry["requests"]:
             lines.append("  no request names it")
         if entry["needed_by"]:
             lines.append(f"  no service that needs it is active: {', '.join(entry['needed_by'])}")
     lines += [f"  it {reason}" if reason.startswith("waits ") else f"  it waits: {reason}" for reason in entry["waits"]]
+    lines += [f"  {rival['text']} is active" for rival in entry["rivals"]]
+    lines += [f"  to let it in: `{command}`" for command in entry["remedies"]]
     lines += [f"  caution: {text}" for text in entry["cautions"]]
     return lines
+
+
+def _word(entry: Why) -> str:
+    if entry["wanted"]:
+        return "wanted"
+    return entry["health"].lower() if Health(entry["health"]).kept_out else "not wanted"
 
 
 def _request(request: RequestView) -> str:

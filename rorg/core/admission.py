@@ -10,23 +10,11 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 
-from rorg.core.contests import settle_contests
-from rorg.core.wanted import Wanted
+from rorg.core.contests import Admission, settle_contests
+from rorg.core.wanted import wanted
 from rorg.model.catalog import Catalog, Request
 from rorg.model.graph import closure
 from rorg.model.units import format_memory
-
-
-@dataclass(frozen=True, slots=True)
-class Admission:
-    """The wanted set without preempted services, the reasons, and the effective priority of every wanted service."""
-
-    wanted: Wanted
-    preempted: Mapping[str, str] = field(default_factory=dict)
-    """Services that would be wanted if nothing stood against them -> the reason."""
-    priorities: Mapping[str, int] = field(default_factory=dict)
-    requests: tuple[Request, ...] = ()
-    """The requests that count: all except queued ones."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,16 +43,10 @@ def admit(catalog: Catalog, requests: Collection[Request], excluded: Mapping[str
     What needs a preempted service is preempted too. A meta-service never is: it has no container that could stop.
     """
     budget = catalog.policy.budget
-    admission = _contest(catalog, tuple(requests), excluded)
+    admission = settle_contests(catalog, tuple(requests), excluded)
     if budget is None or budget.over != "queue" or not over_budget(catalog, admission.wanted):
         return admission
     return _within_budget(catalog, requests, excluded)
-
-
-def _contest(catalog: Catalog, requests: Collection[Request], excluded: Mapping[str, str]) -> Admission:
-    """Settle all contests without the budget."""
-    admitted, preempted, priorities = settle_contests(catalog, requests, excluded)
-    return Admission(admitted, preempted, priorities, tuple(requests))
 
 
 def expected(catalog: Catalog, names: Collection[str]) -> tuple[float, int]:
@@ -93,7 +75,7 @@ def _within_budget(catalog: Catalog, requests: Collection[Request], excluded: Ma
     """
     waiting = sorted(requests, key=lambda r: -_priority(catalog, r))
     rivals = _rivals(catalog) | set(excluded)
-    admitted_names = set(_contest(catalog, (), excluded).wanted)
+    admitted_names = set(settle_contests(catalog, (), excluded).wanted)
     admitted: list[Request] = []
     queued: dict[str, str] = {}
     while (request := next((r for r in waiting if r.requester in admitted_names), None)) is not None:
@@ -101,7 +83,9 @@ def _within_budget(catalog: Catalog, requests: Collection[Request], excluded: Ma
         asked = closure(catalog.services, [m for s in request.services for m in catalog.members(s)])
         # Contests cost time: settle them only if this request can take part in one.
         active = (
-            set(_contest(catalog, (*admitted, request), excluded).wanted) if asked & rivals else admitted_names | asked
+            set(settle_contests(catalog, (*admitted, request), excluded).wanted)
+            if asked & rivals
+            else admitted_names | asked
         )
         why = over_budget(catalog, active)
         if why and expected(catalog, active - admitted_names) != (0.0, 0):
@@ -110,9 +94,10 @@ def _within_budget(catalog: Catalog, requests: Collection[Request], excluded: Ma
             admitted.append(request)
             admitted_names = active
     # A request whose requester is not active takes no room: it stays admitted and has no effect.
-    admission = _contest(catalog, (*admitted, *waiting), excluded)
+    admission = settle_contests(catalog, (*admitted, *waiting), excluded)
     return replace(
         admission,
+        asked=wanted(catalog, requests),
         preempted={
             **admission.preempted,
             **{n: why for n, why in queued.items() if n not in admission.wanted and n not in admission.preempted},

@@ -6,7 +6,8 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, fields, replace
 
-from rorg.core.admission import Admission, admission_for, admit
+from rorg.core.admission import admission_for, admit
+from rorg.core.contests import Admission
 from rorg.core.devices import unplugged
 from rorg.core.eviction import Victims, evict
 from rorg.core.holds import seconds_left
@@ -56,6 +57,8 @@ def assess(inputs: Inputs, cache: Cache | None, touched: Collection[str], withhe
         restarts={n: due.run for n, due in memory.restarts.items()},
         confirmed=frozenset(inputs.confirmed),
         preempted=admission.preempted,
+        rivals=admission.rivals,
+        asked=admission.asked,
         prewarmed=warm.names,
         excluded=frozenset(assessment.holds),
         priorities=admission.priorities,

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from rorg.core.idle import risks
 from rorg.core.memory import STALLED_AFTER, Progress
+from rorg.core.plan import Action
 from rorg.core.rollout import candidate, has_come_up
 from rorg.core.ros_graph import graph_of
 from rorg.core.situation import Situation
@@ -40,6 +41,12 @@ def requested(links: Sequence[Link]) -> Condition:
     """Return whether something wants the service, with the chain that leads to it as the message."""
     text = " <- ".join(map(str, links))
     return Condition("Requested", str(bool(links)), "Wanted" if links else "NotWanted", text)
+
+
+def reconciling(actions: Sequence[Action], waiting: str) -> Condition:
+    """Return whether anything is under way or planned, and what waits."""
+    verb = actions[0].verb.capitalize() if actions else "Settled"
+    return Condition("Reconciling", str(bool(actions)), verb, waiting)
 
 
 def occasional(situation: Situation, service: Service) -> tuple[Condition, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from bisect import bisect
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import accumulate
 
 from rorg.core.priorities import PROTECTED, effective_priorities
@@ -18,6 +18,22 @@ Ranks = Mapping[str, tuple[int, str]]
 
 
 @dataclass(frozen=True, slots=True)
+class Admission:
+    """The wanted set without preempted services, the reasons, and the effective priority of every wanted service."""
+
+    wanted: Wanted
+    preempted: Mapping[str, str] = field(default_factory=dict)
+    """Services that would be wanted if nothing stood against them -> the reason."""
+    rivals: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Preempted services -> the active services that have what they wait for, if that is the reason."""
+    asked: Wanted = field(default_factory=dict)
+    """What would be wanted if nothing stood against anything; empty if nothing is preempted."""
+    priorities: Mapping[str, int] = field(default_factory=dict)
+    requests: tuple[Request, ...] = ()
+    """The requests that count: all except queued ones."""
+
+
+@dataclass(frozen=True, slots=True)
 class Loss:
     """Why a service cannot be active: the exclusive resource ("" for a conflict), and the active services that have
     it."""
@@ -26,11 +42,9 @@ class Loss:
     winners: tuple[str, ...]
 
 
-def settle_contests(
-    catalog: Catalog, requests: Collection[Request], excluded: Mapping[str, str]
-) -> tuple[Wanted, dict[str, str], Mapping[str, int]]:
-    """Return (who may be active, who is preempted and why, effective priorities). `excluded` are services that must not
-    be active, with the reason.
+def settle_contests(catalog: Catalog, requests: tuple[Request, ...], excluded: Mapping[str, str]) -> Admission:
+    """Return who may be active, without regard to the budget. `excluded` are services that must not be active, with the
+    reason.
 
     The set of services that are certain to be active grows round by round. What cannot be active beside them is out.
     The rest become certain where nothing may outrank them, and their requests count from the next round on.
@@ -57,10 +71,11 @@ def settle_contests(
                 impossible[chosen], grown = why, set()
         certain |= grown
     if not out:
-        return possible, {}, priorities
+        return Admission(possible, priorities=priorities, requests=requests)
     asked = wanted(catalog, requests)
-    reasons = _reasons(rules, impossible, possible, asked, _ranks(effective_priorities(catalog, asked, requests)))
-    return possible, reasons, priorities
+    ranks = _ranks(effective_priorities(catalog, asked, requests))
+    reasons, rivals = _reasons(rules, impossible, possible, asked, ranks)
+    return Admission(possible, reasons, rivals, asked if reasons else {}, priorities, requests)
 
 
 def _ranks(priorities: Mapping[str, int]) -> Ranks:
@@ -166,17 +181,22 @@ def _chosen_in_ring(
 
 def _reasons(
     rules: _Rules, excluded: Mapping[str, str], admitted: Wanted, asked: Wanted, ranks: Ranks
-) -> dict[str, str]:
-    """Return what would be wanted if nothing stood against it -> what does."""
+) -> tuple[dict[str, str], dict[str, tuple[str, ...]]]:
+    """Return what would be wanted if nothing stood against it -> what does, and -> the services that do."""
     losses = rules.losses(admitted)
-    texts = {n: _text(n, losses[n], asked, ranks) for n in asked if n in losses} | dict(excluded)
-    about = rules.with_dependants(texts)
-    return {n: texts[of] if n == of else f"{of} {texts[of]}" for n, of in about.items() if n in asked}
+    first = {n: _first(losses[n], ranks) for n in asked if n in losses and n not in excluded}
+    texts = {n: _text(n, loss, asked, ranks) for n, loss in first.items()} | dict(excluded)
+    about = {n: of for n, of in rules.with_dependants(texts).items() if n in asked}
+    reasons = {n: texts[of] if n == of else f"{of} {texts[of]}" for n, of in about.items()}
+    return reasons, {n: first[of].winners for n, of in about.items() if of in first and first[of].winners}
 
 
-def _text(loser: str, losses: Iterable[Loss], asked: Wanted, ranks: Ranks) -> str:
+def _first(losses: Iterable[Loss], ranks: Ranks) -> Loss:
     """Return the reason that counts most: that with the highest winner."""
-    loss = min(losses, key=lambda one: min((ranks[w] for w in one.winners), default=(-PROTECTED - 1, "")))
+    return min(losses, key=lambda one: min((ranks[w] for w in one.winners), default=(-PROTECTED - 1, "")))
+
+
+def _text(loser: str, loss: Loss, asked: Wanted, ranks: Ranks) -> str:
     if not loss.winners:
         return f"waits for {loss.resource}, which has fewer units than it uses"
     what = f"waits for {loss.resource}, which is taken by" if loss.resource else "conflicts with"

@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from functools import cached_property
 
-from rorg.core.admission import Admission
+from rorg.core.contests import Admission
 from rorg.core.inputs import Inputs
 from rorg.core.memory import Memory
 from rorg.core.observed import ASLEEP

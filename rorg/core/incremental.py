@@ -31,8 +31,10 @@ QueueEntry = tuple[bool, bool, int, int, Action]
 """(not urgent, no driver, -priority, place, action that can begin now). Sorted, the first entry is the most
 important."""
 OWN = ("observed", "memory", "now", "interlocks", "peers", "wanted", "urgent", "priorities", "prewarmed")
-"""Fields of a Situation that are compared per service; every other field concerns all services."""
-COMMON = tuple(f.name for f in fields(Situation) if f.name not in OWN)
+"""Fields of a Situation that are compared per service."""
+SHOWN = ("rivals", "asked")
+"""Fields that no plan depends on. Every other field concerns all services."""
+COMMON = tuple(f.name for f in fields(Situation) if f.name not in (*OWN, *SHOWN))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -14,6 +14,7 @@ from typing import Any
 from urllib.parse import quote
 
 from rorg.model.catalog import SHORTEST_SECRET, Catalog, Spec
+from rorg.model.health import Health
 from rorg.model.image_names import declared
 from rorg.model.secret_names import NAME, is_secret_name, secret_texts
 
@@ -21,7 +22,7 @@ MASK = "***"
 KEPT = 256
 """Number of secrets of earlier trees that are still masked: old containers and records may quote them."""
 _WORD = re.compile(
-    r"created|running|restarting|removing|paused|exited|Healthy|Progressing|Degraded|Completed|Unknown|Synced|"
+    rf"created|running|restarting|removing|paused|exited|{'|'.join(Health)}|Synced|"
     r"OutOfSync|create|update|rename|signal|resume|activate|deactivate|inactive|remove|replace|restart|failed|withheld|"
     r"preempted|suspended|skipped|present|imported|pulled|docker|process|developer|Requested|Reconciling|Stalled|Updated|warning|"
     r"always|on-failure"

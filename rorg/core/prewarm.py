@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
-from rorg.core.admission import Admission, over_budget
+from rorg.core.admission import over_budget
+from rorg.core.contests import Admission
 from rorg.core.inputs import Inputs
 from rorg.core.memory import Memory
 from rorg.core.prediction import (

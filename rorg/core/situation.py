@@ -87,6 +87,10 @@ class Situation(Surroundings):
     """Services that are removed even without `removals`, because a person confirmed it."""
     preempted: Mapping[str, str] = field(default_factory=dict)
     """Services that would be wanted if nothing stood against them -> the reason."""
+    rivals: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Preempted services -> the active services that have what they wait for, if that is the reason."""
+    asked: Wanted = field(default_factory=dict)
+    """What would be wanted if nothing stood against anything; empty if nothing is preempted."""
     excluded: Collection[str] = frozenset()
     """Services that must not be active now, regardless of who requests them."""
     priorities: Mapping[str, int] = field(default_factory=dict)

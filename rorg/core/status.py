@@ -3,18 +3,21 @@ conditions can hold at the same time."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
-from rorg.core.conditions import CAUTIONS, Condition, occasional, requested, runs_once, stalled
+from rorg.core.conditions import CAUTIONS, Condition, occasional, reconciling, requested, runs_once, stalled
+from rorg.core.health import health_of, is_synced, kept_out
 from rorg.core.links import Remote
 from rorg.core.observed import Container
 from rorg.core.operations import Create, Rename, Stop
 from rorg.core.plan import Action, Part, Plan
 from rorg.core.situation import Situation
-from rorg.core.wanted import Link, chain
+from rorg.core.wanted import Cause, Link, chain
 from rorg.model.catalog import Service
+from rorg.model.codes import IMAGE, NO_IMAGE
+from rorg.model.health import Health
 
 STOPPING = "stopping"
 SILENT = "EngineSilent"
@@ -30,11 +33,12 @@ class Status:
     """The engine's last known word for its container; `stopping` while a stop is under way, `none` without a container,
     `unknown` before the engine has answered, `meta` for a meta-service."""
     sync: str
-    """Synced, OutOfSync or Unknown."""
-    health: str
-    """Healthy, Progressing, Degraded, Idle, Completed or Unknown."""
+    """Synced, OutOfSync or Unknown: whether its container is as its manifest declares it."""
+    health: Health
     wanted: bool
+    """It must be active now."""
     why: str
+    """Who wants it, even if it is kept out; otherwise what keeps it idle."""
     conditions: tuple[Condition, ...] = ()
     container: str = ""
     incarnation: str = ""
@@ -60,7 +64,9 @@ class Status:
     machine: str = ""
     """The computer that it belongs to, if the robot has several."""
     chain: tuple[Link, ...] = ()
-    """Why it is wanted, from the service to a root; empty if it is not."""
+    """Who wants it, from the service to a root, even if it is kept out; empty if nothing does."""
+    rivals: tuple[str, ...] = ()
+    """Active services that have what it waits for."""
 
     def condition(self, kind: str) -> Condition:
         """Return the condition of this type, or one with status Unknown."""
@@ -83,12 +89,16 @@ class Status:
         failed, ready = self.update_failed, self.condition("Ready")
         if ready.reason == SILENT:  # shown once for all services
             return ""
-        if failed or not self.wanted or ready.status == "True":
-            return f"its change failed: {failed}" if failed else ""
+        if failed:
+            return f"its change failed: {failed}"
+        well = ready.status == "True" and self.health not in (Health.PROGRESSING, Health.DEGRADED)
+        if well or not (self.wanted or self.health.kept_out):
+            return ""
         return self.condition("Reconciling").message or ready.message
 
     def as_json(self) -> dict[str, Any]:
         plain = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "chain"}
+        plain |= {"health": str(self.health), "rivals": list(self.rivals)}
         conditions = [asdict(condition) for condition in self.conditions]
         return {**plain, "message": self.trouble, "ros_nodes": list(self.ros_nodes), "conditions": conditions}
 
@@ -127,8 +137,8 @@ class Statuses(Mapping[str, Status]):
             status = self._assessed.status(self._services[name])
             return replace(status, withheld=why, why=f"withheld: {why}") if why else status
         current = situation.observed.current(name)  # its manifest is gone, so nothing else is known
-        gone = Status(name, self._assessed.state(name, current), "OutOfSync", "Unknown", False, f"withheld: {why}")
-        gone = replace(gone, withheld=why or "")
+        state = self._assessed.state(name, current)
+        gone = Status(name, state, "OutOfSync", Health.UNKNOWN, False, f"withheld: {why}", withheld=why or "")
         return replace(gone, container=current.id, started_at=current.started_at) if current else gone
 
 
@@ -138,37 +148,38 @@ class _Assessed:
     def __init__(self, situation: Situation, plan: Plan, holds: Mapping[str, str]) -> None:
         self.s, self.holds = situation, holds
         self.waiting = {name: reasons[-1] for name, reasons in plan.reasons().items()}
+        self.images = {w.service: w.code for w in plan.waitings if w.code in (IMAGE, NO_IMAGE)}
+        """Services that wait for an image, with the code."""
         self.actions: dict[str, list[Action]] = {}
         """Service -> the action under way and those in the plan."""
         for action in (*(flight.action for flight in situation.memory.in_flight.values()), *plan.actions):
             self.actions.setdefault(action.service, []).append(action)
 
     def status(self, service: Service) -> Status:
-        name, causes = service.name, self.s.wanted.get(service.name, ())
-        links = tuple(Link(s, c) for s, c in reversed(chain(self.s.wanted, name)))
+        name, wanted = service.name, service.name in self.s.wanted
+        asked = self.s.asked if name in self.s.preempted else self.s.wanted
+        links = tuple(Link(s, c) for s, c in reversed(chain(asked, name)))
         held, waiting = self.holds.get(name, ""), self.waiting.get(name, "")
-        why = str(causes[0]) + (f" and {len(causes) - 1} more" if len(causes) > 1 else "") if causes else ""
-        why = why or held or self.s.preempted.get(name, "")
+        why = _causes(asked.get(name, ())) or held or self.s.preempted.get(name, "")
         if service.meta:
-            return Status(name, "meta", "Synced", "Healthy", True, why, labels=service.labels, chain=links)
+            return Status(name, "meta", "Synced", Health.HEALTHY, True, why, labels=service.labels, chain=links)
         if service.away:
             return self.away(service, why, links)
         progress, known, current = self.s.memory.of(name), self.s.observed.complete, self.s.observed.current(name)
-        pending = next((a.verb for a in self.actions.get(name, ())), "")
         ready, reason, message = self.readiness(service, current)
         conditions = (
             Condition("Ready", "Unknown" if not known else str(ready), reason, message),
             requested(links),
-            Condition("Reconciling", str(bool(pending)), pending.capitalize() or "Settled", waiting),
+            reconciling(self.actions.get(name, ()), waiting),
             Condition("Stalled", str(progress.stalled), stalled(progress), progress.error),
             *occasional(self.s, service),
         )
         status = Status(
             name,
             self.state(name, current),
-            "Unknown" if not known else "OutOfSync" if pending or waiting else "Synced",
-            _health(bool(causes), ready, reason, progress.stalled) if known else "Unknown",
-            bool(causes),
+            "Unknown" if not known else "Synced" if is_synced(self.s, service, current) else "OutOfSync",
+            health_of(self.s, name, ready, reason, self.images.get(name)) if known else Health.UNKNOWN,
+            wanted,
             why,
             conditions,
             exits=progress.exits,
@@ -181,6 +192,7 @@ class _Assessed:
             labels=service.labels,
             machine=service.machine,
             chain=links,
+            rivals=self.s.rivals.get(name, ()),
         )
         return status if current is None else _with_container(status, current)
 
@@ -203,13 +215,13 @@ class _Assessed:
             requested(links),
             *runs_once(self.s, service),
         )
-        there = there or Remote("unknown", False, False, "Unknown", "Unknown")
+        there = there or Remote("unknown", False, False, Health.UNKNOWN, "Unknown")
         return Status(
             name,
             there.state,
             there.sync,
-            there.health,
-            bool(links),
+            Health(there.health) if there.health in list(Health) else Health.UNKNOWN,
+            service.name in self.s.wanted,
             why,
             conditions,
             incarnation=there.incarnation,
@@ -238,6 +250,8 @@ class _Assessed:
         progress = situation.memory.of(name)
         if situation.observed.silence:
             return False, SILENT, str(situation.observed.silence)
+        if out := kept_out(situation, name):
+            return False, out, situation.preempted[name]
         if progress.ready:
             ending = self.ending(name, current)
             return (False, "Ending", ending) if ending else (True, "Ready", "")
@@ -261,6 +275,11 @@ class _Assessed:
         return False, current.state.capitalize(), waiting or progress.error or current.error
 
 
+def _causes(causes: Sequence[Cause]) -> str:
+    more = f" and {len(causes) - 1} more" if len(causes) > 1 else ""
+    return f"{causes[0]}{more}" if causes else ""
+
+
 def _with_container(status: Status, current: Container) -> Status:
     run = current.incarnation if current.alive else ""
     return replace(status, container=current.id, incarnation=run, started_at=current.started_at, pid=current.pid)
@@ -271,14 +290,6 @@ def ros_nodes(service: Service) -> tuple[str, ...]:
     asked = service.ready.questions if service.ready else ()
     ready = [str(probe.target) for probe in asked if probe.kind == "ros_node"]
     return tuple(dict.fromkeys([*ready, *service.managed, *service.labels.get("ros_nodes", "").split()]))
-
-
-def _health(is_wanted: bool, ready: bool, reason: str, stalled: bool) -> str:
-    if not is_wanted:
-        return "Idle"
-    if ready:
-        return "Completed" if reason == "Completed" else "Healthy"
-    return "Degraded" if stalled or reason in ("Late", "Failed", "OutOfMemory", "NoDevice") else "Progressing"
 
 
 def ends(action: Action, run: str) -> bool:

@@ -140,9 +140,10 @@ class Snapshots:
         return self._services.values()
 
 
-def _out(decision: Decision) -> tuple[Mapping[str, str], Mapping[str, str]]:
-    """(held, preempted) services, with the reasons."""
-    return decision.holds, decision.situation.preempted
+def _out(decision: Decision) -> tuple[Mapping[str, Any], ...]:
+    """What is shown of services that are held or preempted: the reasons, the rivals, and who asked for them."""
+    situation = decision.situation
+    return decision.holds, situation.preempted, situation.rivals, situation.asked
 
 
 def _joined(texts: Iterable[str]) -> str:

@@ -6,6 +6,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+from rorg.model.health import Health
+
 
 class Look(NamedTuple):
     """Of a bar, or of the box of a service in a graph."""
@@ -22,6 +24,7 @@ class Look(NamedTuple):
 LOOKS = {
     "ready": Look("#116329", "#dafbe1", "#116329", "", "●"),
     "starting": Look("#fff8c5", "#fff8c5", "#7d4e00", "//", "◐"),
+    "waiting": Look("#f6f8fa", "#f6f8fa", "#7d4e00", "..", "◌"),
     "idle": Look("#ddf4ff", "#ddf4ff", "#0550ae", "", "◫"),
     "stopped": Look("#f6f8fa", "#f6f8fa", "#59636e", "", "○"),
     "failing": Look("#a40e26", "#ffebe9", "#a40e26", "xx", "▲"),
@@ -47,10 +50,12 @@ def look_of(service: Mapping[str, Any]) -> str:
     state, wanted = service["state"], service["wanted"]
     if state == "meta":
         return ""
-    if service["health"] == "Degraded" or conditions.get("Stalled"):
+    if service["health"] == Health.DEGRADED or conditions.get("Stalled"):
         return "failing"
-    if state == "unknown" or service["health"] == "Unknown":
+    if state == "unknown" or service["health"] == Health.UNKNOWN:
         return "unknown"
+    if Health(service["health"]).kept_out:
+        return "waiting"
     if state == "running":
         return "idle" if not wanted else "ready" if conditions.get("Ready") else "starting"
     return "idle" if state in ("paused", "inactive") else "starting" if wanted else "stopped"

@@ -25,7 +25,8 @@ class Condition(TypedDict):
 
 
 class ServiceView(TypedDict):
-    """The state of a service."""
+    """The state of a service. `health` is Healthy, Progressing, Degraded, Completed, Preempted, Waiting, Idle or
+    Unknown; `rivals` have what it waits for."""
 
     service: str
     state: str
@@ -33,6 +34,7 @@ class ServiceView(TypedDict):
     health: str
     wanted: bool
     why: str
+    rivals: list[str]
     message: str
     container: str
     incarnation: str
@@ -77,15 +79,26 @@ class Link(TypedDict):
     text: str
 
 
+class Rival(TypedDict):
+    """An active service that has what another one waits for, and who wants it."""
+
+    service: str
+    text: str
+
+
 class Why(TypedDict):
-    """Why a service is active, or why not. `chain` leads from it to a root; `needed_by` are services."""
+    """Why a service is active, or why not. `chain` leads from it to a root, also if it is kept out; then `rivals` have
+    what it waits for, and `remedies` are commands that let it in. `needed_by` are services."""
 
     service: str
     wanted: bool
+    health: str
     state: str
     chain: list[Link]
     requests: list[RequestView]
     needed_by: list[str]
+    rivals: list[Rival]
+    remedies: list[str]
     waits: list[str]
     cautions: list[str]
 

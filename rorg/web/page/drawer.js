@@ -33,8 +33,10 @@ function Chain({ name, service, open }) {
       ? html`<ol class="chain">${why.chain.map(
           (link) => html`<li key=${link.service}><button class="link" onClick=${() => open(link.service)}>${link.text}</button></li>`,
         )}</ol>`
-      : html`<p>Nothing wants it.${why.needed_by.length ? ` These would need it: ${why.needed_by.join(", ")}.` : ""}</p>`}
+      : html`<p>Nothing active wants it.${why.needed_by.length ? ` These would need it: ${why.needed_by.join(", ")}.` : ""}</p>`}
     <ul>${why.waits.map((text) => html`<li key=${text}>It waits: ${text}</li>`)}
+      ${why.rivals.map((rival) => html`<li key=${rival.service}><button class="link" onClick=${() => open(rival.service)}>${rival.text}</button> is active</li>`)}
+      ${why.remedies.map((command) => html`<li key=${command}>To let it in: <code>${command}</code></li>`)}
       ${why.cautions.map((text) => html`<li key=${text}>Caution: ${text}</li>`)}</ul>`;
 }
 

@@ -150,6 +150,7 @@ export function mood(service) {
   if (service.health === "Degraded" || service.conditions.some((c) => c.type === "Stalled" && c.status === "True"))
     return "failing";
   if (service.state === "unknown" || service.health === "Unknown") return "unknown";
+  if (service.health === "Preempted" || service.health === "Waiting") return "waiting";
   if (service.state === "running") {
     if (!service.wanted) return "idle";
     return service.conditions.some((c) => c.type === "Ready" && c.status === "True") ? "ready" : "starting";
@@ -164,6 +165,7 @@ export const MOODS = {
   idle: { shape: "◫", text: "idle" },
   stopping: { shape: "◌", text: "stopping" },
   stopped: { shape: "○", text: "stopped" },
+  waiting: { shape: "◌", text: "kept out" },
   failing: { shape: "▲", text: "failing" },
   unknown: { shape: "?", text: "unknown" },
   none: { shape: "·", text: "no container" },

@@ -1,0 +1,87 @@
+"""Why a service is active, or why it is not: who wants it, what keeps it out, and which command would let it in."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from rorg.api.current import Current, missing
+from rorg.api.views import requests
+from rorg.core.admission import admit
+from rorg.core.status import Status
+from rorg.model.catalog import Catalog
+
+
+def why_active(current: Current, name: str) -> list[dict[str, Any]]:
+    """Why a service, or each of a group, is active, or why not. Raises Missing."""
+    catalog = current.catalog
+    names = catalog.members(name) or ((name,) if name in current.statuses else ())
+    if not names:
+        raise missing(name, {*catalog.services, *catalog.groups})
+    return [_why(current, n) for n in names]
+
+
+def _why(current: Current, name: str) -> dict[str, Any]:
+    """The chain from a service to a root, who requests it, what needs it, and what it waits for."""
+    status, catalog = current.statuses[name], current.catalog
+    return {
+        "service": name,
+        "wanted": status.wanted,
+        "health": str(status.health),
+        "state": status.state,
+        "chain": [
+            {
+                "service": link.service,
+                "kind": link.cause.kind,
+                "by": link.cause.by,
+                "request": link.cause.request,
+                "text": f"{_at(catalog, link.service)} ({link.cause})",
+            }
+            for link in status.chain
+        ],
+        "requests": [r for r in requests(current) if any(name in catalog.members(s) for s in r["services"])],
+        "needed_by": sorted(s.name for s in catalog.services.values() if name in s.needs),
+        "rivals": [
+            {"service": rival, "text": " <- ".join(map(str, current.statuses[rival].chain))} for rival in status.rivals
+        ],
+        "remedies": list(_remedies(current, status)),
+        "waits": [
+            *([str(silence)] if (silence := current.decision.situation.observed.silence) else ()),
+            *current.decision.plan.reasons().get(name, ()),
+            *_probing(status),
+        ],
+        "cautions": status.cautions,
+    }
+
+
+def _at(catalog: Catalog, name: str) -> str:
+    """A service with its machine, if the robot has several."""
+    machine = catalog.services[name].machine if name in catalog.services else ""
+    return f"{name}@{machine}" if machine else name
+
+
+def _probing(status: Status) -> Iterator[str]:
+    """The part of its probe that fails."""
+    ready = status.condition("Ready")
+    if status.wanted and ready.reason in ("Probing", "Late") and ready.message:
+        yield f"not ready: {ready.message}"
+
+
+def _remedies(current: Current, status: Status) -> Iterator[str]:
+    """Commands after each of which a service that is kept out may be active. Only what a person asked for is
+    suggested: a program would make its request again."""
+    if not status.health.kept_out:
+        return
+    name, catalog, kept = status.service, current.catalog, current.decision.memory.admitted
+    for held in current.decision.holds:
+        excluded = {n: why for n, why in kept.excluded.items() if n != held}
+        if name in admit(catalog, kept.requests, excluded).wanted:
+            yield f"rorg hold {held} --end"
+    roots = {link.cause.request for rival in status.rivals for link in current.statuses[rival].chain}
+    for request in kept.requests:
+        person = request.requester in catalog.services and catalog.services[request.requester].meta
+        if request.standing or not person or request.id not in roots:
+            continue
+        others = tuple(r for r in kept.requests if r is not request)
+        if name in admit(catalog, others, kept.excluded).wanted:
+            yield f"rorg release {request.id}"
