@@ -172,6 +172,7 @@ constraints:
 
 lint: $(VENV)/test-installed
 	$(BIN)/ruff check .
+	$(BIN)/ruff check --preview --select RUF027 rorg clients
 	$(BIN)/ruff format --check .
 
 types: $(VENV)/test-installed

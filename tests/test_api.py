@@ -265,8 +265,9 @@ def test_a_stranger_may_nothing(robot):
 
 
 def test_a_service_requests_for_itself_and_within_its_manifest(robot, client):
-    with pytest.raises(Refused, match="does not run"):
+    with pytest.raises(Refused, match="does not run") as refused:
         robot.client("behaviour").request("camera")
+    assert "`rorg request behaviour` first" in str(refused.value)
     client.request("behaviour", id="run", wait=20, ttl=None)
     own = robot.client("behaviour")
     own.request("seeing", id="look", wait=20, ttl=None)

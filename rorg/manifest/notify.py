@@ -66,7 +66,7 @@ class Webhook(Strict):
     template: Annotated[str | dict[str, Any], AfterValidator(_template), Written("text | mapping")] | None = field(
         "The body: a text, or a mapping that is sent as JSON. In its texts, {FIELD} stands for a field of the "
         f"notification: {', '.join(NOTIFY_FIELDS)}.",
-        {"text": "{robot}: {message}"},
+        {"text": "{robot}: {message}"},  # noqa: RUF027
         unset="all fields as JSON",
     )
 
