@@ -64,9 +64,9 @@ class Webhook(Strict):
         "/etc/rorg/ntfy.headers",
     )
     template: Annotated[str | dict[str, Any], AfterValidator(_template), Written("text | mapping")] | None = field(
-        "The body: a text, or a mapping that is sent as JSON. In its texts, {FIELD} stands for a field of the "
+        "The body: a text, or a mapping that is sent as JSON. In its texts, {FIELD} stands for a field of the "  # noqa: RUF027
         f"notification: {', '.join(NOTIFY_FIELDS)}.",
-        {"text": "{robot}: {message}"},  # noqa: RUF027
+        {"text": "{robot}: {message}"},
         unset="all fields as JSON",
     )
 
