@@ -9,9 +9,11 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Collection, Mapping
+from functools import cache
 from typing import Any
 from urllib.parse import unquote_plus
 
+from rorg.api.inputs import Body
 from rorg.core.masking import MASK, Masker
 from rorg.errors import Busy
 from rorg.model.catalog import DEVELOPER, EMPTY, SHORTEST_SECRET, Catalog
@@ -184,7 +186,7 @@ def _names(catalog: Catalog) -> set[str]:
 
 
 def words_of(query: bytes, path: str, body: bytes) -> str:
-    """Everything that a call contains."""
+    """Everything that a call contains, without the names of fields that rorg declares."""
     text = body.decode("utf-8", errors="replace")
     try:
         texts = list(_texts(json.loads(text))) if text else []
@@ -193,9 +195,20 @@ def words_of(query: bytes, path: str, body: bytes) -> str:
     return "\n".join((path, unquote_plus(query.decode("latin-1")), *texts))[:MOST_SAID]
 
 
+@cache
+def _fields() -> frozenset[str]:
+    """The fields that a body may have. Every caller writes them, so they say nothing about a guess; an error that
+    contains one, such as `for the reasons`, stays readable."""
+    bodies = [Body]
+    for body in bodies:
+        bodies += body.__subclasses__()
+    return frozenset(field for body in bodies for field in body.model_fields)
+
+
 def _texts(value: Any) -> list[str]:
     if isinstance(value, dict):
-        return [text for key, item in value.items() for text in (str(key), *_texts(item))]
+        keys = [str(key) for key in value if key not in _fields()]
+        return [*keys, *(text for item in value.values() for text in _texts(item))]
     if isinstance(value, list):
         return [text for item in value for text in _texts(item)]
     return [value] if isinstance(value, str) else [str(value)]

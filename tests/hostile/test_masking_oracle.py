@@ -98,6 +98,15 @@ def test_an_error_does_not_say_whether_a_guess_is_right(robot, call):
     assert PIN not in said[0]
 
 
+def test_fields_of_a_call_are_not_masked_in_the_error_that_answers_it(robot):
+    robot.client().call("PUT", "/v1/holds/camera", {"duration": "10m", "force": True})
+    body = {"services": ["camera"], "reason": "to look", "ttl": "10s"}
+    said = answer(robot, "PUT", "/v1/requests/w?wait=10", body)
+    robot.client().call("DELETE", "/v1/holds/camera")
+    assert said.startswith("NotReady")
+    assert said.endswith("try `rorg why` for the reasons")
+
+
 def test_what_a_service_reads_of_others_stays_masked(robot):
     assert "the pin is ***" in message_of(robot, "vault")
     for path in (f"/v1/services/vault?x={PIN}", f"/v1/wait?services=vault&timeout=0&x={PIN}"):
