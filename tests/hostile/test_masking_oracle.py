@@ -103,6 +103,7 @@ def test_fields_of_a_call_are_not_masked_in_the_error_that_answers_it(robot):
     body = {"services": ["camera"], "reason": "to look", "ttl": "10s"}
     said = answer(robot, "PUT", "/v1/requests/w?wait=10", body)
     robot.client().call("DELETE", "/v1/holds/camera")
+    answer(robot, "DELETE", "/v1/requests/w")
     assert said.startswith("NotReady")
     assert said.endswith("try `rorg why` for the reasons")
 
