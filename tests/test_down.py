@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 from dataclasses import replace
@@ -82,6 +83,9 @@ def test_nothing_is_left_but_the_manifests(robot, end):
     assert robot.process.wait(30) == (-9 if end == "killed" else 0)
     assert nothing_is_left(robot, programs)
     assert {p: p.read_bytes() for p in robot.tree.rglob("*.yaml")} == manifests
+    services = json.loads(rorg(robot, "get", "--manifests", str(robot.tree), "-o", "json").stdout)
+    base = next(s for s in services if s["service"] == "base")
+    assert (base["health"], base["message"]) == ("Waiting", "the robot is down")
 
 
 def test_it_is_known_to_the_state_alone(robot):

@@ -71,6 +71,7 @@ def test_reasons_are_in_the_default_view(robot):
     quits = json.loads(rorg(robot, "get", "quits", "-o", "json"))[0]
     assert quits["crashes"] >= 1
     assert "ended with exit code 3" in quits["message"]
+    assert quits["sync"] == "Synced", "it crashes in the container that is declared"
 
 
 def test_a_name_in_place_of_a_kind(robot):

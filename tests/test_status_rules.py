@@ -20,7 +20,7 @@ from rorg.core.situation import Measures, Situation
 from rorg.core.status import Status, Statuses, ros_nodes
 from rorg.core.update import Update
 from rorg.core.wanted import Cause
-from rorg.model.catalog import Catalog, Service
+from rorg.model.catalog import Catalog, Idle, Service
 from rorg.model.probe import Probe
 
 PROBED = {"ready": {"tcp": 1234, "timeout": "5s"}}
@@ -175,6 +175,7 @@ def test_nodes_are_those_of_probes_managed_ones_and_those_in_the_label(robot):
 
 
 BASE = Service("base", spec={"image": "x"}, ready=Probe("tcp", 80, timeout=30.0), priority=40)
+DIGEST = desire(Catalog(services={"base": BASE})).digests["base"]
 STARTED = "2026-01-01T12:00:00Z"
 RUN = f"aaaaaaaaaaaa@{STARTED}"
 UP = Progress(incarnation=RUN, running_since=90.0, ready=True, was_ready=True)
@@ -182,7 +183,7 @@ STOP = Stop(container="a" * 64, signal="SIGTERM", grace=5.0, incarnation=RUN)
 
 
 def box(state: str = "running", **more: Any) -> Container:
-    return Container("a" * 64, "base", "base", state, STARTED, **more)
+    return Container("a" * 64, "base", "base", state, STARTED, **{"digest": DIGEST, **more})
 
 
 def status(
@@ -249,13 +250,43 @@ def test_what_it_waits_for_is_its_trouble():
     waits = Plan(waitings=(Waiting("base", "roscore is not ready"),))
     for seen in ([box("exited")], [box("created")], []):
         found = status(*seen, progress=Progress(exited=RUN, error="bad"), plan=waits)
-        assert (found.sync, found.trouble) == ("OutOfSync", "roscore is not ready")
+        assert (found.sync, found.trouble) == ("Synced" if seen else "OutOfSync", "roscore is not ready")
         assert found.condition("Ready").message == "roscore is not ready"
         assert found.condition("Reconciling").message == "roscore is not ready"
     assert status(progress=Progress(error="bad")).trouble == "bad"
     held = status(box("exited"), plan=waits, progress=Progress(), wanted={}, held="held")
     assert (held.trouble, held.why, held.held) == ("", "held", "held")
     assert status(box(), wanted={}, preempted={"base": "arm has priority"}).why == "arm has priority"
+
+
+@pytest.mark.parametrize(
+    ("seen", "more", "sync"),
+    [
+        ([box()], {}, "Synced"),
+        ([box()], {"wanted": {}}, "Synced"),
+        ([], {"wanted": {}}, "OutOfSync"),
+        ([], {"wanted": {}, "service": replace(BASE, idle=Idle(action="remove"))}, "Synced"),
+        ([], {"service": replace(BASE, idle=Idle(action="remove"))}, "OutOfSync"),
+        ([box(digest="v1:another")], {}, "OutOfSync"),
+        ([replace(box(), name="another")], {}, "OutOfSync"),
+    ],
+)
+def test_sync_says_whether_the_container_is_as_declared(seen, more, sync):
+    lingers = Plan(waitings=(Waiting("base", "not wanted; lingers for 3 s"),))
+    assert status(*seen, plan=lingers, **more).sync == sync
+    action = Plan((Action(0, Start(container="a" * 64), "base"),))
+    assert status(*seen, plan=action, **more).sync == sync
+
+
+@pytest.mark.parametrize(("code", "health"), [("no-image", "Degraded"), ("image", "Progressing")])
+def test_a_missing_image_of_a_wanted_service_is_shown(code, health):
+    waits = Plan(waitings=(Waiting("base", "image y is missing", code=code),))
+    runs_on = status(box(digest="v1:another"), plan=waits)
+    assert (ready(runs_on), runs_on.sync, runs_on.health) == (("True", "Ready"), "OutOfSync", health)
+    assert runs_on.trouble == "image y is missing"
+    never_made = status(plan=waits, progress=Progress())
+    assert (never_made.health, never_made.trouble) == (health, "image y is missing")
+    assert status(plan=waits, progress=Progress(), wanted={}).trouble == ""
 
 
 def test_a_silent_engine_is_told_once_for_all():

@@ -13,6 +13,7 @@ from rorg.core.desired import Desired, desire
 from rorg.core.inputs import Inputs
 from rorg.core.memory import Memory
 from rorg.core.observed import Observed
+from rorg.core.peers import NOBODY, Peers
 from rorg.core.schedule import Target
 from rorg.daemon.saved_memory import remembered
 from rorg.daemon.snapshot import down_of, snapshot
@@ -45,6 +46,10 @@ class Place(Protocol):
     def catalog(self) -> Catalog: ...
     def document(self) -> RequestsDocument: ...
     def engine(self) -> Engine: ...
+
+
+DOWN = "the robot is down"
+"""Why nothing is active on a robot that was taken down."""
 
 
 def decision(place: Place, catalog: Catalog) -> Decision:
@@ -96,6 +101,7 @@ def _look(place: Place, desired: Desired, observed: Observed, memory: Memory | N
             confirmed=document.removals,
             retries=document.retries,
             devices=devices(place, desired),
+            peers=Peers(excluded=dict.fromkeys(desired.digests, DOWN)) if document.down else NOBODY,
         )
     )
 

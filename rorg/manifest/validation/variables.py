@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterator
 from functools import lru_cache
 
+from rorg.manifest.images import ALIKE as ALIKE_IMAGE
 from rorg.manifest.validation.robot import Finding, Robot, each
 from rorg.manifest.validation.subject import Subject
 from rorg.model.diagnostics import close_to
@@ -68,7 +69,7 @@ def _images(robot: Robot) -> Iterator[Finding]:
         name = str(subject.options.get("image") or "")
         if not images or declared(name, images) or "/" in name or ":" in plain(name):
             continue
-        if close := close_to(name, images, ALIKE):
+        if close := close_to(name, images, ALIKE_IMAGE):
             message = f"'{name}' is not an Image of this tree and would be pulled"
             yield Finding("misspelt-image", subject.at("image"), message, f"'{close}'")
 
