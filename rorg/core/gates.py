@@ -47,7 +47,8 @@ def _resume(view: View, service: Service, step: Step) -> Passage:
         return FREE
     after, taken = room(view, service)
     if taken:
-        return (), Waiting(service.name, f"stays paused, because a stop would resume it: {taken.reason}", code=ROOM)
+        why = prefixed("stays paused, because a stop would resume it: ", taken.reason)
+        return (), Waiting(service.name, why, code=ROOM)
     return after, None
 
 

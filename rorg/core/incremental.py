@@ -20,7 +20,7 @@ from math import inf
 from operator import attrgetter
 
 from rorg.core.changes import changed_keys, differing
-from rorg.core.plan import NOTHING, Action, Plan, ServicePlan, Waiting
+from rorg.core.plan import NOTHING, Action, Plan, Reason, ServicePlan, Waiting
 from rorg.core.planner import Planner, in_order, undeclared, without_linger
 from rorg.core.ros_graph import graph_of
 from rorg.core.situation import Situation
@@ -216,7 +216,7 @@ def _replan(planner: Planner, kept: Planned, names: Collection[str]) -> tuple[st
     return tuple(replanned)
 
 
-def _seen_by_others(plan: ServicePlan) -> tuple[bool, bool, str]:
+def _seen_by_others(plan: ServicePlan) -> tuple[bool, bool, Reason]:
     """Return what the plans of other services depend on."""
     return bool(plan.actions), plan.runs, plan.unready
 
