@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+from rorg.history.damage import check_types
 from rorg.history.database import Database
 from rorg.history.revisions import Revision, Revisions
 
@@ -48,8 +49,17 @@ class Evidence:
 
     def all(self) -> dict[tuple[str, str], Verdict]:
         """By (service, edition)."""
-        rows = self.database.rows("SELECT service, edition, code, reason FROM verdict")
-        return {(service, edition): Verdict(service, edition, *of) for service, edition, *of in rows}
+        known = self.database.read(_verdict, "SELECT service, edition, code, reason FROM verdict")
+        return {(verdict.service, verdict.edition): verdict for verdict in known}
+
+
+def _verdict(*row: str) -> Verdict:
+    """Raises ValueError and TypeError if it is damaged."""
+    check_types(row, *[str] * 4)
+    verdict = Verdict(*row)
+    if verdict.code not in (PROVEN, FAILS):
+        raise ValueError(f"the verdict of {verdict.service} is {verdict.code}")
+    return verdict
 
 
 @dataclass(frozen=True, slots=True)

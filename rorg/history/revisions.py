@@ -210,13 +210,13 @@ def _begin(new: Revision, before: Mapping[str, Made]) -> Change:
 
 def _revision(*row: Any) -> Revision:
     """Raises ValueError and TypeError if it is damaged."""
-    check_types(row, int, *[str] * 5, int, *[str] * 6)
+    check_types(row, int, *[str] * 5, int, *[str] * 7)
     fields = dict(zip(FIELDS, row, strict=True))
     errors = json.loads(fields["errors"])
     check_types(errors, *[str] * len(errors))
     if not 0 < fields["number"] <= MOST:
         raise ValueError(f"the number of a revision is {fields['number']}")
-    for time in filter(None, (fields["at"], fields["settled_at"])):
+    for time in filter(None, (fields["at"], fields["settled_at"], fields["proven_at"])):
         parse_time(time)
     return Revision(**{**fields, "dirty": bool(fields["dirty"]), "errors": tuple(errors)})
 
