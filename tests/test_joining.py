@@ -69,6 +69,21 @@ def test_what_docker_runs_is_joined_and_follows_what_it_joins(docker_robot):
         assert robot.container(name).digest == desire(load_or_raise(robot.tree)).digests[name]
 
 
+def test_what_is_joined_is_removed_after_what_joins_it(docker_robot):
+    """Podman removes no container that another one is joined to."""
+    robot = docker_robot
+    robot.declare({"base": BASE, **JOINED, "other": {}})
+    robot.wait(lambda: shared(robot))
+    first = robot.container("base").id
+    changed = {**BASE, "container": {**BASE["container"], "hostname": "base"}}
+    write_tree(robot.tree, {"base": changed, **JOINED, "other": {}})
+    robot.wait(lambda: first not in {c.id for c in robot.containers()} and shared(robot), 120)
+    robot.settle()
+    write_tree(robot.tree, {"other": {}})
+    robot.wait(lambda: set(robot.states()) == {"other"}, 120)
+    assert not [line for line in robot.log() if "failed" in line], robot.log()
+
+
 def test_where_a_change_fails_what_joins_it_is_as_before(docker_robot):
     robot = docker_robot
     scan = {"scan": JOINED["scan"]}

@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from rorg.core.deferred import held_back
-from rorg.core.joining import awaited, ended, is_cut_off
-from rorg.core.operations import Create, Operation, Rename, Start, Stop
+from rorg.core.joining import awaited, ended, is_cut_off, joined_to
+from rorg.core.operations import Create, Operation, Remove, Rename, Start, Stop
 from rorg.core.plan import Part, Reason, Timed, Waiting, prefixed
 from rorg.core.room import FREE, Passage, room
 from rorg.core.ros_parameters import due
@@ -22,7 +22,7 @@ from rorg.model.units import format_seconds
 def gate(view: View, service: Service, step: Step) -> Passage:
     """Return what a step must follow or wait for."""
     found: list[str] = []
-    for passage in (_objects, _resume, _gate):
+    for passage in (_objects, _joined, _resume, _gate):
         after, waiting = passage(view, service, step)
         if waiting:
             return (), waiting
@@ -39,6 +39,23 @@ def _objects(view: View, service: Service, step: Step) -> Passage:
             code = next((w.code for w in plan.waitings), "")
             return (), Waiting(service.name, prefixed(f"{subject} ", plan.unready), code=code)
     return tuple(subject for subject in uses if view.has_actions(subject)), None
+
+
+def _joined(view: View, service: Service, step: Step) -> Passage:
+    """A container is removed after those that are joined to it and go as well: Podman refuses any other order, and what
+    goes back to a container needs what that is joined to. For the same reason a container without a manifest is also
+    stopped after them; all others stop in the order of their needs."""
+    operation = step.operation
+    stops = isinstance(operation, Stop) and service.name in view.exclusive.undeclared
+    if not (stops or isinstance(operation, Remove)):
+        return FREE
+    users = dict.fromkeys(
+        c.service for c in joined_to(view.s.observed.containers, operation.container) if not stops or c.alive
+    )
+    left = [u for u in users if not view.has_actions(u) and (u in view.s.wanted or u in view.exclusive.undeclared)]
+    if left:
+        return (), Waiting(service.name, f"{', '.join(left)} is still joined to its container")
+    return tuple(u for u in users if view.has_actions(u)), None
 
 
 def _resume(view: View, service: Service, step: Step) -> Passage:

@@ -20,6 +20,7 @@ from math import inf
 from operator import attrgetter
 
 from rorg.core.changes import changed_keys, differing
+from rorg.core.joining import joined_of
 from rorg.core.plan import NOTHING, Action, Plan, Reason, ServicePlan, Waiting
 from rorg.core.planner import Planner, in_order, undeclared, without_linger
 from rorg.core.ros_graph import graph_of
@@ -127,6 +128,8 @@ def update_plan(kept: Planned | None, situation: Situation, touched: Collection[
     calls = before.memory.in_flight.keys() ^ situation.memory.in_flight.keys()
     depending = {n for name in changed | calls for n in depending_plans(situation, name)}
     depending |= {n for name in changed for n in situation.desired.uses.get(name, ())}
+    seen = (c for name in touched for s in (before, situation) for c in s.observed.of(name) if c.joined)
+    depending |= {n for c in seen for n in joined_of(c.joined)}
     over = {n for n in kept.counting if kept.plans[n].until <= situation.now} | kept.volatile
     replanned = _replan(planner, kept, changed | depending | locks | calls | (no_linger ^ kept.no_linger) | over)
     return _with_replanned(kept, planner, replanned, no_linger)

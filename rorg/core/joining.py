@@ -8,7 +8,7 @@ container of the other. The ids are in a label and not in the digest, because th
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import lru_cache
 
 from rorg.core.observed import Container
@@ -29,14 +29,20 @@ def joined_of(label: str) -> Mapping[str, str]:
     return {str(k): str(v) for k, v in value.items()} if isinstance(value, dict) else {}
 
 
+def joined_to(containers: Iterable[Container], container: str) -> list[Container]:
+    """Return the containers that are joined to this one, by its id."""
+    return [c for c in containers if c.joined and container in joined_of(c.joined).values()]
+
+
 def moved(view: View, service: Service, container: Container) -> str:
-    """Return a service that has another container than the one this container was joined to; "" for none. Ignored while
-    the service is unwanted: the joined container may go and come many times before it matters."""
-    if service.name not in view.s.wanted:
-        return ""
+    """Return a service that has another container than the one this container was joined to; "" for none. While the
+    service is unwanted, a container that is gone does not count: it may go and come many times before it matters. But
+    one that is to be removed counts: it may have to wait for this one."""
     for name, joined_id in joined_of(container.joined).items():
         if name in service.joins and joined_id not in (_current(view, name), _coming(view, service, name)):
-            return name
+            left = any(c.id == joined_id for c in view.of(name)) and not tried(view, name)
+            if left or service.name in view.s.wanted:
+                return name
     return ""
 
 

@@ -243,7 +243,7 @@ class Remove(Operation):
 
     verb, symbol = "remove", "-"
     states = frozenset({"created", "exited", "dead"})
-    ends = True
+    ends = optional = True
 
     volumes: bool = False
     """Remove its anonymous volumes too, because nothing will use them again."""

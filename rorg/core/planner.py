@@ -9,10 +9,12 @@ services again with the same code that plans all.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Set
+from graphlib import CycleError, TopologicalSorter
 
 from rorg.core.gates import gate, unready
+from rorg.core.joining import joined_of
 from rorg.core.object_plans import declared_chain, declared_objects, former_chain, former_objects
-from rorg.core.operations import CreateObject
+from rorg.core.operations import CreateObject, Remove, Rename
 from rorg.core.plan import NOTHING, Action, Reason, ServicePlan, Timed, Waiting, prefixed
 from rorg.core.reconcile import chain
 from rorg.core.situation import Exclusive, Situation, View
@@ -31,8 +33,17 @@ def in_order(situation: Situation) -> list[str]:
     wanted = situation.wanted
     own = [n for n in situation.desired.order if n in situation.desired.digests]
     ceasing = [n for n in reversed(own) if n not in wanted]
-    of_services = [*sorted(undeclared(situation)), *ceasing, *(n for n in own if n in wanted)]
+    of_services = [*_joiners_first(situation, undeclared(situation)), *ceasing, *(n for n in own if n in wanted)]
     return [*declared_objects(situation), *of_services, *sorted(former_objects(situation))]
+
+
+def _joiners_first(situation: Situation, names: Collection[str]) -> list[str]:
+    """Return services without a manifest, each after those that are joined to its containers."""
+    joiners = {n: [o for o in names if any(n in joined_of(c.joined) for c in situation.observed.of(o))] for n in names}
+    try:
+        return [*TopologicalSorter({n: sorted(joiners[n]) for n in sorted(names)}).static_order()]
+    except CycleError:  # labels may say anything
+        return sorted(names)
 
 
 def undeclared(situation: Situation) -> Set[str]:
@@ -133,10 +144,16 @@ class Planner:
         optional step that must wait does not stop the chain."""
         actions: list[Action] = []
         waitings: dict[Waiting, None] = {}
+        kept = set[str]()
+        """Names of containers whose removal has to wait."""
         for step in steps:
+            if isinstance(step.operation, Rename) and step.operation.name in kept:
+                continue  # the name is not free yet
             linked, waiting = gate(view, service, step)
             if waiting:
                 waitings[waiting] = None
+                if isinstance(step.operation, Remove):
+                    kept |= {c.name for c in view.of(service.name) if c.id == step.operation.container}
                 if step.operation.optional:
                     continue
                 return tuple(actions), tuple(waitings), waiting.reason
