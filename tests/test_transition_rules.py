@@ -400,3 +400,24 @@ def test_failures_without_the_device_are_forgotten():
     assert changes(replace(UP, exits=2, error="bad"), base(), unplugged=True) == {"exits": 0, "error": ""}
     assert changes(replace(UP, attempts=FAILED, error="bad"), base(), unplugged=True) == {"attempts": {}, "error": ""}
     assert changes(replace(UP, attempts={"create": Attempt(error="no")}), base(), unplugged=True) == {}
+
+
+# -- a process that vanished -----------------------------------------------------------------------------------
+
+
+def test_a_run_whose_process_has_vanished_has_crashed():
+    gone = base(vanished=True)
+    proven = replace(UP, update=PROVEN)
+    found = after(proven, gone)
+    assert (found.ready, found.running_since, found.well_since) == (False, None, None)
+    assert (found.exits, found.crashes, found.exited) == (1, 1, RUN)
+    assert found.error == "the engine calls it running, but its process has ended"
+    assert after(found, gone) is found, "it is counted once"
+    assert after(found, base("exited", exit_code=137)) is found
+
+
+def test_a_trial_whose_process_has_vanished_is_repeated_unless_it_must_not_run_twice():
+    tried = replace(UP, update=TRIED)
+    found = after(tried, base(vanished=True))
+    assert (found.exits, found.stopped, found.update.interrupted) == (0, (RUN,), 1)
+    assert after(tried, base(vanished=True), service=Service("base", restart="never")).exits == 1

@@ -19,7 +19,9 @@ def health_of(situation: Situation, name: str, ready: bool, reason: str, image: 
         return Health.DEGRADED
     if ready and not image:
         return Health.COMPLETED if reason == "Completed" else Health.HEALTHY
-    return Health.DEGRADED if reason in ("Late", "Failed", "OutOfMemory", "NoDevice") else Health.PROGRESSING
+    return (
+        Health.DEGRADED if reason in ("Late", "Failed", "OutOfMemory", "NoDevice", "Vanished") else Health.PROGRESSING
+    )
 
 
 def kept_out(situation: Situation, name: str) -> Health | None:

@@ -51,6 +51,7 @@ def from_labels(labels: Mapping[str, str]) -> Labelled:
     }
 
 
+VANISHED = "the engine calls it running, but its process has ended"
 ASLEEP = frozenset({"inactive", "paused"})
 """States of a container whose run goes on although nothing can rely on it."""
 
@@ -93,6 +94,8 @@ class Container:
     pid: int = 0
     brief: bool = False
     """The engine listed it with its state only, so it is not known which run this is."""
+    vanished: bool = False
+    """The engine calls it running although its process has ended."""
     health: str = ""
     """Result of the engine's own health check: starting, healthy, unhealthy; "" without one."""
     stop_signal: str = ""
@@ -113,8 +116,8 @@ class Container:
 
     @property
     def ended(self) -> bool:
-        """Whether its program has ended, even if the engine is about to start it again."""
-        return self.state == "exited" or (self.state == "restarting" and self.exit_code is not None)
+        """Whether its program has ended, even if the engine is about to start it again or does not know."""
+        return self.state == "exited" or self.vanished or (self.state == "restarting" and self.exit_code is not None)
 
     @property
     def killed(self) -> bool:

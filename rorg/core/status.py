@@ -10,7 +10,7 @@ from typing import Any
 from rorg.core.conditions import CAUTIONS, Condition, occasional, reconciling, requested, runs_once, stalled
 from rorg.core.health import health_of, is_synced, kept_out
 from rorg.core.links import Remote
-from rorg.core.observed import Container
+from rorg.core.observed import VANISHED, Container
 from rorg.core.operations import Create, Rename, Stop
 from rorg.core.plan import Action, Part, Plan
 from rorg.core.situation import Situation
@@ -264,6 +264,8 @@ class _Assessed:
             if situation.completed(name):
                 return True, "Completed", "it ended with exit code 0"
             return False, failed, progress.error
+        if current.vanished:
+            return False, "Vanished", VANISHED
         if progress.doubted_since is not None:
             return False, "Ending", "rorg was ended while stopping it"
         if current.state == "running" and progress.running_since is not None:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeGuard
 
 from rorg.core.memory import DEFAULT_GRACE, STABLE, CountedOn, ProbeResult, Progress, delay
-from rorg.core.observed import Container, Observed
+from rorg.core.observed import VANISHED, Container, Observed
 from rorg.core.operations import Start
 from rorg.model.catalog import Service
 
@@ -100,7 +100,7 @@ def _fresh(progress: Progress, current: Container | None) -> Progress:
 
 def _run(progress: Progress, current: Container | None, now: float) -> Progress:
     """Note a new run, its end, or that it has become stable."""
-    if current is None or current.state != "running":
+    if current is None or current.state != "running" or current.vanished:
         if progress.running_since is None:
             return progress
         return replace(progress, running_since=None, **UNANSWERED)
@@ -186,15 +186,14 @@ def _excused(progress: Progress, service: Service, current: Container | None, ev
 
 def _interrupted(progress: Progress, service: Service, current: Container, evidence: Evidence) -> bool:
     """Return whether something else may have ended a run: the engine, which did not answer (a restart of Docker ends
-    all containers); a reboot; or, while no rorg ran, whatever killed the program. An edition that is still tried gets
-    another try however its run ended then, because programs handle SIGTERM in their own ways. What ends for good is
-    over, and must not run twice."""
-    again = service.restarts_after(current.exit_code)
+    all containers) or did not notice; a reboot; or, while no rorg ran, whatever killed the program. An edition that is
+    still tried gets another try however its run ended then, because programs handle SIGTERM in their own ways. What
+    ends for good is over, and must not run twice."""
+    again, tried = service.restarts_after(current.exit_code), progress.update.baked != progress.update.edition
     if progress.incarnation == current.incarnation:
-        return evidence.outage and again
+        return again and (evidence.outage or (tried and current.vanished))
     if progress.begun is not None:
         return False  # this rorg began it
-    tried = progress.update.baked != progress.update.edition
     return progress.rebooted or ((current.killed or tried) and again)
 
 
@@ -208,9 +207,9 @@ def _exit(progress: Progress, service: Service, current: Container | None, evide
     if current.exit_code == 0 and not service.restarts_after(0):
         return replace(progress.start_forgotten(), exits=0, exited=run, error="")
     exits = progress.exits + 1
-    why = "out of memory" if current.oom_killed else f"exit code {current.exit_code}"
+    why = "ended with out of memory" if current.oom_killed else f"ended with exit code {current.exit_code}"
     progress = replace(progress, exits=exits, crashes=progress.crashes + 1, exited=run)
-    return progress.start_after(evidence.now + delay(exits), f"ended with {why}")
+    return progress.start_after(evidence.now + delay(exits), VANISHED if current.vanished else why)
 
 
 def _ready(progress: Progress, service: Service, result: ProbeResult | None, now: float) -> Progress:

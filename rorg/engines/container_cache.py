@@ -6,7 +6,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 import threading
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Set
 from dataclasses import dataclass, replace
 
 from rorg.core.observed import Container, FoundObjects, Observed, Silence
@@ -44,6 +44,8 @@ class ContainerCache:
         self._starts = itertools.count(1)
         self._listed = False
         """Whether the containers that were there before this rorg are known."""
+        self._vanished: Set[str] = frozenset()
+        """Incarnations whose process has ended although the engine calls them running."""
         self._snapshot = Observed(complete=False)
         self._changed = False
         """The cache is ahead of the snapshot, which is made on demand."""
@@ -63,7 +65,7 @@ class ContainerCache:
             if inspection is None:
                 self._containers.pop(container, None)
             else:
-                inspection = self._containers[container] = self._numbered(inspection)
+                inspection = self._containers[container] = self._completed(inspection)
             self._note([container] if inspection else [], look)
             if old != inspection:
                 self._publish(self._snapshot.complete, self._snapshot.error)
@@ -84,7 +86,7 @@ class ContainerCache:
         containers = {c.id: c for c in listed}
         with self._lock:
             self._note([c for c, new in containers.items() if not new.brief and new is not before.get(c)], look)
-            containers = {c: self._numbered(self._merged(new, before)) for c, new in containers.items()}
+            containers = {c: self._completed(self._merged(new, before)) for c, new in containers.items()}
             self._listed = True
             later = {c: number for c, number in self._shown.items() if number > look.number}
             for container in later:
@@ -184,14 +186,28 @@ class ContainerCache:
             return container
         return replace(known, state=container.state) if known.alive and container.alive else known
 
-    def _numbered(self, container: Container) -> Container:
-        """Number a run that began after the first list."""
+    def show_vanished(self, runs: Set[str]) -> bool:
+        """Take the incarnations whose process has ended, and return whether that changed anything."""
+        with self._lock:
+            self._vanished = runs
+            completed = {c: self._completed(known) for c, known in self._containers.items()}
+            changed = any(completed[c] is not known for c, known in self._containers.items())
+            if changed:
+                self._containers = completed
+                self._publish(self._snapshot.complete, self._snapshot.error)
+            return changed
+
+    def _completed(self, container: Container) -> Container:
+        """Add what the engine does not say: the number of a run that began after the first list, and whether its
+        process has ended."""
         known = self._containers.get(container.id)
         if known is not None and (known.brief or known.started_at == container.started_at):
             number = known.start_number
         else:
             number = next(self._starts) if self._listed and (container.started_at or container.brief) else 0
-        return container if container.start_number == number else replace(container, start_number=number)
+        vanished = container.state == "running" and container.incarnation in self._vanished
+        same = (container.start_number, container.vanished) == (number, vanished)
+        return container if same else replace(container, start_number=number, vanished=vanished)
 
     def _publish(self, complete: bool, error: str) -> None:
         """Publish a change. As long as the engine is silent the snapshot stays incomplete."""

@@ -14,6 +14,7 @@ from rorg.engines.heartbeat import Heartbeat, retry_after
 from rorg.engines.log_lines import Reading
 from rorg.engines.observe_objects import ObjectObserver
 from rorg.engines.protocol import Daemon, Objects, Observation
+from rorg.engines.vanished import EVERY, Vanished
 from rorg.errors import RorgError, Unreachable
 
 REMEDY = "`systemctl status docker`, or `rorg doctor`"
@@ -40,6 +41,8 @@ class Observer:
         self._answering.set()
         self.objects = ObjectObserver(engine, wake, self._answering) if isinstance(engine, Objects) else None
         """Of networks and volumes; None for an engine without them."""
+        self._vanished = Vanished() if isinstance(engine, Daemon) and engine.local else None
+        """None if the engine runs elsewhere, or looks at the processes itself."""
         self._looking = False
         """Whether looks that the loop asked for are under way."""
         self._stop, self._doubt = threading.Event(), threading.Event()
@@ -49,7 +52,7 @@ class Observer:
         """Full lists made so far."""
 
     def start(self) -> None:
-        for target in (self._follow, self._resync_now_and_then):
+        for target in (self._follow, self._resync_now_and_then, *([self._find_vanished] if self._vanished else [])):
             threading.Thread(target=target, name=f"observe-{target.__name__}", daemon=True).start()
         for part in (self.objects, self.heartbeat):
             if part:
@@ -192,6 +195,22 @@ class Observer:
             ended.set()
             self._stop.wait(retry_after(attempt))
             attempt += 1
+
+    def _find_vanished(self) -> None:
+        """Compare the engine's word with the processes of this machine now and then."""
+        while self._vanished and not self._stop.wait(EVERY):
+            known = self.snapshot()
+            if not known.complete:
+                continue
+            try:
+                runs = self._vanished.look(known.containers)
+            except Unreachable:  # no descriptor is left to look
+                continue
+            for container in known.containers:
+                if container.incarnation in runs and not container.vanished:
+                    self.refresh(container.id)  # the engine may just know by now
+            if self._cache.show_vanished(runs):
+                self.wake()
 
     def _resync_now_and_then(self) -> None:
         last, attempt = time.monotonic(), 0

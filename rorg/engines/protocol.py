@@ -135,6 +135,7 @@ class Daemon(Protocol):
     """An engine that is a program of its own, which can be stopped or stuck."""
 
     address: str
+    local: bool
 
     def pinger(self) -> Pinger: ...
 

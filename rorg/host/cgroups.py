@@ -70,7 +70,7 @@ def _stat(file: Path, key: str) -> int:
 def end_processes(container: str) -> bool:
     """End processes of a container (its whole id) that its engine does not know, because it was killed during a start.
     They are found by the name of their cgroup. False if there are none on this machine, or if they do not end."""
-    processes = [process for process in psutil.process_iter() if _belongs(process, container)]
+    processes = [process for process in psutil.process_iter() if belongs(process.pid, container)]
     for process in processes:
         _signal(process, kill=False)
     _, alive = psutil.wait_procs(processes, PATIENCE)
@@ -79,9 +79,10 @@ def end_processes(container: str) -> bool:
     return bool(processes) and not psutil.wait_procs(alive, PATIENCE)[1]
 
 
-def _belongs(process: psutil.Process, container: str) -> bool:
+def belongs(pid: int, container: str) -> bool:
+    """Return whether a process is in the cgroup of a container (its whole id)."""
     try:
-        with open(f"/proc/{process.pid}/cgroup", encoding="utf-8", errors="replace") as file:
+        with open(f"/proc/{pid}/cgroup", encoding="utf-8", errors="replace") as file:
             return container in file.read()
     except OSError:
         return False
