@@ -101,7 +101,7 @@ class WaitingView(BaseModel):
 
     service: str
     reason: str
-    code: str = Field(description="failed, withheld, preempted or suspended; empty if it only takes time.")
+    code: str = Field(description="failed, withheld, preempted, suspended or interlock; empty if it only takes time.")
 
 
 class PlanView(BaseModel):

@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Annotated, Any
 
 from rorg_client import Error
 
 from rorg.cli.context import Context
+from rorg.cli.interlocks import Interlocks, locked
 from rorg.cli.options import Option, RobotEngine, Timeout, Yes
 from rorg.cli.output import consent, note, table
 from rorg.cli.terminal import entry
 from rorg.errors import Invalid, NotReady, RorgError, Unreachable
+from rorg.model.codes import INTERLOCK
 from rorg.model.engines import capabilities_of
 from rorg.model.units import counted
 
 if TYPE_CHECKING:
     from rorg.core.decide import Decision
+    from rorg.daemon.loop import Loop
 
 
 def command(
@@ -123,12 +126,15 @@ def _lost_history(context: Context) -> str:
 def _until_gone(context: Context, timeout: float) -> None:
     """Waits until the running rorg has ended, or a later one reports that the robot is down. Raises NotReady."""
     client, began, left = context.serving("take the robot down"), time.monotonic(), "rorg still runs"
+    interlocks = Interlocks()
     while time.monotonic() - began < timeout:
         try:
             view = client.status()
             if view.get("down") == "down":  # something has started rorg again
                 return
-            left = ", ".join(row["name"] for row in _rows(view["services"])) or left
+            refusals = locked(view)
+            interlocks.see(refusals)
+            left = _with_reasons((row["name"] for row in _rows(view["services"])), refusals) or left
         except Error as error:
             if error.code == "unreachable" and (context.remote or context.state.owner() is None):
                 return
@@ -166,7 +172,10 @@ def _alone(context: Context, yes: bool, keep_requests: bool, volumes: bool, forg
     timer = threading.Timer(timeout, loop.stop)
     timer.daemon = True
     timer.start()
+    over = threading.Event()
+    threading.Thread(target=_report, args=(loop, over), daemon=True).start()
     loop.run()
+    over.set()
     timer.cancel()
     if not loop.is_down:
         context.state.release()
@@ -190,4 +199,16 @@ def _left(decision: Decision | None) -> str:
         return ""
     waits = decision.plan.reasons()
     names = sorted({c.service for c in decision.situation.observed.containers})
-    return ": " + "; ".join(f"{n}: {waits[n][-1]}" if n in waits else n for n in names)
+    return ": " + _with_reasons(names, {name: reasons[-1] for name, reasons in waits.items()})
+
+
+def _with_reasons(names: Iterable[str], reasons: Mapping[str, str]) -> str:
+    return "; ".join(f"{name}: {reasons[name]}" if name in reasons else name for name in names)
+
+
+def _report(loop: Loop, over: threading.Event) -> None:
+    """Reports interlocks that keep the loop of this process from its end."""
+    interlocks = Interlocks()
+    while not over.wait(0.1):
+        reasons = loop.decision.plan.reasons(INTERLOCK) if loop.decision else {}
+        interlocks.see({name: waits[-1] for name, waits in reasons.items()})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from rorg.cli.interlocks import report_locked
 from rorg.cli.operations import confirmed, operating
 from rorg.cli.options import End, For, Output, Reason, RobotEngine, ServiceNames, Yes
 from rorg.cli.output import print_rows
@@ -31,7 +32,9 @@ def command(
     length = None if end else format_duration(duration or 0.0)
     body = {"services": services, "duration": length, "reason": reason}
     robot = operating(context)
+    before = robot.locked()
     names = confirmed(lambda force: robot.change("PUT /v1/holds", body, force), yes, "Hold")
     text = f"{', '.join(names)} " + ("no longer held" if end else f"held for {format_seconds(duration or 0.0)}")
     rows = [{"service": n, "held": not end, "seconds": None if end else duration, "reason": reason} for n in names]
     print_rows(rows, output, ("service", "held", "seconds", "reason"), text=text)
+    report_locked(robot.locked, before.keys() - {*names})

@@ -75,6 +75,10 @@ class Local:
         seconds = seconds_of(asked.duration, "duration") if asked else None
         self._do(changes.suspend(seconds, asked.reason if asked else "", moment()))
 
+    def locked(self) -> dict[str, str]:
+        """None: the next rorg will ask them."""
+        return {}
+
     def why(self, name: str) -> list[Any]:
         return why_active(self.looked, name)
 

@@ -12,6 +12,7 @@ from rorg_client import Client, Refused
 from rorg_client.calls import Call, put_request, release, restart
 
 from rorg.cli.context import Context
+from rorg.cli.interlocks import locked
 from rorg.cli.output import consent
 from rorg.cli.progress import Progress
 from rorg.errors import Unconfirmed
@@ -54,6 +55,10 @@ class Served:
     def suspend(self, body: dict[str, Any] | None) -> None:
         """Suspends rorg; None ends that."""
         self.client.call("PUT" if body else "DELETE", "/v1/suspension", body)
+
+    def locked(self) -> dict[str, str]:
+        """The services that wait for their interlock -> its answer."""
+        return locked(self.client.status())
 
     def why(self, name: str) -> list[Why]:
         self._addressable(name)

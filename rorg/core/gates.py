@@ -14,7 +14,7 @@ from rorg.core.ros_parameters import due
 from rorg.core.situation import View
 from rorg.core.steps import Step
 from rorg.model.catalog import Service
-from rorg.model.codes import DEVICE, PARAMETERS, ROOM
+from rorg.model.codes import DEVICE, INTERLOCK, PARAMETERS, ROOM
 from rorg.model.joining import ends_with
 from rorg.model.units import format_seconds
 
@@ -90,7 +90,7 @@ def _gate(view: View, service: Service, step: Step) -> Passage:
     swap = step.part_of is Part.REPLACE and isinstance(operation, (Stop, Rename))
     locked = view.s.interlocks.get(name, "") if swap or operation.felt else ""
     if locked:
-        return (), Waiting(name, f"interlock: {locked}")
+        return (), Waiting(name, f"interlock: {locked}", code=INTERLOCK)
     begins = operation.begins or step.part_of
     if swap and memory.update.held and not _ends_anyway(view, service):
         return (), Waiting(name, f"waits for the new container of {memory.update.held}, which changes together with it")
