@@ -275,7 +275,8 @@ def test_a_change_is_rolled_out_and_one_that_fails_is_undone(team, swarm):
     assert len(client(swarm).get("/services")) == 1
 
 
-def test_an_edit_while_the_previous_one_bakes_takes_its_place(team, swarm):
+@pytest.mark.parametrize("before", ["made", "on trial"])
+def test_an_edit_takes_the_place_of_the_previous_one_that_is_not_proven(team, swarm, before):
     anywhere = team.computers["any"]
 
     def edit(edition: str) -> None:
@@ -291,9 +292,12 @@ def test_an_edit_while_the_previous_one_bakes_takes_its_place(team, swarm):
     anywhere.ask("p", "planner")
     wait_for(lambda: running() == ["EDITION=1"], 30, "the first edition")
     wait_for(lambda: anywhere.client.plan()["waitings"] == [], 30, "nothing on trial")
+    wait_for(lambda: client(swarm).get("/configs") == [], 30, "no container to be parked")
     service = client(swarm).get("/services")[0]["ID"]
     edit("2")
-    wait_for(lambda: running() == ["EDITION=2"], 30, "the second edition on trial")
+    wait_for(lambda: client(swarm).get("/configs"), 30, "the second edition to be made")
+    if before == "on trial":
+        wait_for(lambda: running() == ["EDITION=2"], 30, "the second edition to run")
     edit("3")
     wait_for(lambda: running() == ["EDITION=3"], 30, "the third edition in its place")
     wait_for(lambda: client(swarm).get("/configs") == [], 30, "it to be proven")

@@ -70,7 +70,7 @@ class _Reconciled:
             self.notes += left_over(self.view, self.service, current[0])
         elif new_name != self.service.container_name and self.s.engine.rename:
             steps.append(Step(Rename(name=self.service.container_name), "it takes over the name"))
-        if swap.old and swap.old.alive and not self.rolls_over(swap.old, current):
+        if swap.old and swap.old.alive and not self.rolls_over(swap.old, None):
             steps.append(stop(swap.old, "changed", self.service))
         steps += self.run(current and current[0], steps, self.desired.editions[name] if swap.old else "")
         if swap.under_way:
@@ -194,7 +194,7 @@ class _Reconciled:
         return [Step(Rename(container=old.id, name=name), "changed")]
 
     def rolls_over(self, old: Container, new: tuple[Container, Difference] | None) -> bool:
-        """Return whether the start of the new container ends the old one's run."""
+        """Return whether the start of the new container, which is yet to come, ends the old one's run."""
         return old.alive and self.s.engine.rolls and self.name in self.s.wanted and not (new and new[0].active)
 
     def keeps(self, has_one: bool) -> bool:
