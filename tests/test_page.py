@@ -278,9 +278,9 @@ def test_everybody_can_use_every_view(robot, chromium, ui, scheme, width):
 # -- who may do what -------------------------------------------------------------------------------------------
 
 
-def ask(ui: Ui, method: str, path: str, body: str = "", **headers: str) -> tuple[int, str]:
+def ask(ui: Ui, method: str, path: str, body: str = "", timeout: float = 20.0, **headers: str) -> tuple[int, str]:
     place = urlsplit(ui.origin)
-    connection = http.client.HTTPConnection(place.hostname or "", place.port, timeout=20)
+    connection = http.client.HTTPConnection(place.hostname or "", place.port, timeout=timeout)
     connection.request(method, path, body or None, {k.replace("_", "-"): v for k, v in headers.items()})
     answer = connection.getresponse()
     return answer.status, answer.read().decode()
@@ -298,6 +298,53 @@ def test_only_the_token_opens_the_page(ui):
         assert ask(ui, "GET", path, cookie=cookie(ui)[:-1])[0] == 401
     assert ask(ui, "GET", "/api/v1/status", cookie=cookie(ui))[0] == 200
     assert ask(ui, "GET", "/api/v1/status", cookie=cookie(ui), host="robot.example")[0] == 403
+
+
+def test_a_question_for_the_head_alone_is_answered_like_any_other(ui):
+    for path in ("/", "/feed", "/api/v1/status", "/page/main.js"):
+        assert ask(ui, "HEAD", path, cookie=cookie(ui), timeout=5.0) == (200, "")
+
+
+def test_half_a_question_holds_nothing_for_long(ui):
+    """As many connections as the page's server may have files open, without a token."""
+    place = urlsplit(ui.origin)
+    halves = []
+    try:
+        for begin in ("", "GET / HT", "PUT /api/v1/requests/x HTTP/1.1\r\ncontent-length: 9\r\n\r\n{") * 400:
+            halves.append(half := socket.create_connection((place.hostname, place.port), 20))
+            half.sendall(begin.encode())
+        assert ask(ui, "GET", "/api/v1/status", cookie=cookie(ui))[0] == 200
+        wait_for(lambda: all(map(ended, halves)), 60, "the end of all of them")
+    finally:
+        for half in halves:
+            half.close()
+
+
+def ended(connection: socket.socket) -> bool:
+    """Whether the other end has ended it."""
+    connection.setblocking(False)
+    try:
+        while connection.recv(4096):
+            pass
+    except BlockingIOError:
+        return False
+    except OSError:
+        pass
+    return True
+
+
+def test_calls_that_wait_delay_no_other(ui):
+    waits = []
+    try:
+        for _ in range(60):
+            waits.append(wait := http.client.HTTPConnection(urlsplit(ui.origin).netloc, timeout=60))
+            wait.request("GET", "/api/v1/wait?services=tour&timeout=40", headers={"cookie": cookie(ui)})
+        began = time.monotonic()
+        assert ask(ui, "GET", "/api/v1/status", cookie=cookie(ui))[0] == 200
+        assert time.monotonic() - began < 5.0
+    finally:
+        for wait in waits:
+            wait.close()
 
 
 def test_another_page_can_neither_read_nor_send(robot, chromium, ui, tmp_path):

@@ -91,6 +91,7 @@ def _headers(scope: Any) -> Mapping[str, str]:
 
 
 async def _answer(send: Any, status: int, text: str, more: tuple[tuple[bytes, bytes], ...] = ()) -> None:
-    headers = [(b"content-type", b"text/plain; charset=utf-8"), *more]
+    # Whoever has no token keeps no connection.
+    headers = [(b"content-type", b"text/plain; charset=utf-8"), (b"connection", b"close"), *more]
     await send({"type": "http.response.start", "status": status, "headers": headers})
     await send({"type": "http.response.body", "body": text.encode()})

@@ -14,6 +14,7 @@ from urllib.parse import quote
 
 import uvicorn
 from rorg_client import Client, Error
+from rorg_client.aio import AsyncClient
 from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import FileResponse, JSONResponse, Response, StreamingResponse
@@ -21,6 +22,7 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
 from rorg.errors import Invalid
+from rorg.web.connection import Connection
 from rorg.web.feed import Feed
 from rorg.web.gate import Gate
 
@@ -28,10 +30,9 @@ PAGE = Path(__file__).parent / "page"
 HOST = "127.0.0.1"
 MOST_BODY = 1 << 20
 """Bytes of a call: a manifest."""
-TIMEOUT = 30.0
-"""Seconds that rorg has for an answer."""
 BODIES = ("PUT", "POST")
 """Methods of calls that have a body."""
+EVENTS = "text/event-stream"
 HEARTBEAT = 15.0
 """Seconds after which a page without news hears that the feed goes on."""
 
@@ -46,10 +47,13 @@ class Page:
         except OSError as error:
             raise Invalid(f"serve the page on {HOST}:{port}", str(error.strerror), "another --port") from error
         self.port, self.token = self.socket.getsockname()[1], token or secrets.token_urlsafe(24)
-        self.read_only, self._client = read_only, client
+        self.read_only, known = read_only, client()
+        # Each call may wait; a thread for each would leave none for the next one.
+        self._client = AsyncClient(str(known.address), known.timeout, known.patience)
         self.feed = Feed(client)
         config = uvicorn.Config(
             Gate(self._app(), self.token, self.port, read_only),
+            http=Connection,
             log_config=None,
             access_log=False,
             lifespan="on",
@@ -83,8 +87,10 @@ class Page:
         ]
         return Starlette(routes=routes, lifespan=lifespan)
 
-    async def _feed(self, _: Request) -> Response:
+    async def _feed(self, request: Request) -> Response:
         """Server-sent events: first the whole state, then each change."""
+        if request.method == "HEAD":
+            return Response(media_type=EVENTS)
         queue = self.feed.join()
 
         async def messages() -> AsyncGenerator[str, None]:
@@ -103,7 +109,7 @@ class Page:
             finally:
                 self.feed.leave(queue)
 
-        return StreamingResponse(messages(), media_type="text/event-stream")
+        return StreamingResponse(messages(), media_type=EVENTS)
 
     async def _call(self, request: Request) -> Response:
         """One call of the API, as if the user had made it."""
@@ -113,12 +119,10 @@ class Page:
             return Response("the page does not pass this on", 404)
         if body is None:
             return Response("no JSON, or more than 1 MiB", 413)
-        return await asyncio.to_thread(self._answer, request.method, path, body)
-
-    def _answer(self, method: str, path: str, body: Any) -> Response:
-        """A refusal is an answer too: as an HTTP error, the browser would report it to the console."""
+        # A refusal is an answer too: as an HTTP error, the browser would report it to the console.
         try:
-            return JSONResponse({"answer": self._client().call(method, path, body if method in BODIES else None)})
+            method = "GET" if request.method == "HEAD" else request.method
+            return JSONResponse({"answer": await self._client.call(method, path, body if method in BODIES else None)})
         except Error as error:
             confirm = getattr(error, "confirm", [])
             return JSONResponse({"refused": {"cause": error.cause, "remedy": error.remedy, "confirm": confirm}})
