@@ -2,10 +2,19 @@
 
 from __future__ import annotations
 
+import os
 import statistics
+import subprocess
 import time
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
+
+import psutil
+from conftest import wait_for
+
+BUSY = float(os.environ.get("BUSY", "0.1"))
+"""The part of the CPU that other programs may use when a turn begins."""
 
 
 def nothing() -> None:
@@ -53,22 +62,43 @@ def milliseconds(call: Callable[[], object]) -> float:
     return 1000 * (time.perf_counter() - began)
 
 
-def alternating(
-    rounds: int,
-    ours: Callable[[], object],
-    theirs: Callable[[], object],
-    back: Callable[[], object] = nothing,
-    their_back: Callable[[], object] = nothing,
-    pause: float = 0.0,
-) -> tuple[float, float]:
-    """The medians of two calls, made in turn, in milliseconds; `back` undoes each and does not count."""
-    found: list[tuple[float, float]] = []
-    for _ in range(rounds):
-        time.sleep(pause)
-        one = milliseconds(ours)
-        back()
-        time.sleep(pause)
-        found.append((one, milliseconds(theirs)))
-        their_back()
-    one, other = zip(*found, strict=True)
+@dataclass(frozen=True)
+class Side:
+    """One of two that are measured in turn: the call that counts, and what undoes it. With a `host`, the engine there
+    must say that `running` containers run when the call returns, and the other side's turn begins when that engine has
+    what it had before."""
+
+    call: Callable[[], object]
+    undo: Callable[[], object] = nothing
+    host: str = ""
+    running: int = 0
+
+    def turn(self) -> float:
+        """Milliseconds of the call, on a quiet machine."""
+        quiet()
+        before = states(self.host) if self.host else None
+        took = milliseconds(self.call)
+        if self.host:
+            found = states(self.host)
+            assert found["running"] == self.running, f"{dict(found)}, not {self.running} that run"
+        self.undo()
+        if before is not None:
+            wait_for(lambda: states(self.host) == before, 300, f"what was there before: {dict(before)}")
+        return took
+
+
+def states(host: str) -> Counter[str]:
+    """How many containers the engine has in each state; one that is being removed is one, too."""
+    words = ["docker", "-H", host, "ps", "--all", "--format", "{{.State}}"]
+    return Counter(subprocess.run(words, capture_output=True, text=True, check=True).stdout.split())
+
+
+def quiet() -> None:
+    """Wait until nothing else works on this machine, as the end of what was measured before does."""
+    wait_for(lambda: psutil.cpu_percent(0.5) <= 100 * BUSY, 120, f"a machine that is less than {BUSY:.0%} busy")
+
+
+def alternating(rounds: int, ours: Side, theirs: Side) -> tuple[float, float]:
+    """The medians of two calls, made in turn, in milliseconds."""
+    one, other = zip(*((ours.turn(), theirs.turn()) for _ in range(rounds)), strict=True)
     return statistics.median(one), statistics.median(other)

@@ -23,6 +23,7 @@ from conftest import *  # noqa: F403 - the engines of the test suite
 from conftest import BASE_IMAGE, wait_for
 from robots import WORK, write_tree
 from rorg_process import RorgProcess
+from rows import quiet, states
 
 from rorg.engines.make import make_engine
 from rorg.store.state_dir import StateDir
@@ -48,6 +49,7 @@ def measure(
     """Prints the medians of a command, run in turn with a bare python; gives the one on the clock. `before` is called
     with a number before each."""
     bare, ours = [], []
+    quiet()
     for n in range(times):
         before(n)
         bare.append(timed([sys.executable, "-c", ""], env))
@@ -186,6 +188,7 @@ def beside(where: str, file: Path, env: dict[str, str], ours: list[float]) -> No
         found["services"]["s001"]["environment"] = {"NUMBER": str(number)}
         file.write_text(json.dumps(found))
 
+    wait_for(lambda: not states(env["DOCKER_HOST"]), 60, "an engine without containers")
     try:
         theirs = [measure(f"{where}, Compose: all from nothing", up, env, 1)]
         theirs.append(measure(f"{where}, Compose: nothing changed", up, env, 5))

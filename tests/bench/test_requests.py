@@ -10,9 +10,9 @@ import pytest
 from conftest import BASE_IMAGE, wait_for
 from robots import WORK
 from rorg_process import RorgProcess
-from rows import Row, Table, alternating, milliseconds
+from rows import Row, Side, Table, alternating, milliseconds, states
 
-ROUNDS, PAUSE = 25, 0.05
+ROUNDS = 25
 GOALS = {"pause": ("paused", 1.3), "stop": ("stopped", 1.1), "remove": ("absent", 1.0)}
 
 
@@ -67,7 +67,12 @@ def test_a_request_to_ready(dockerd, robot, action):
     request()
     release()
     away[action](bare[0])
-    ours, theirs = alternating(ROUNDS, request, appear, release, lambda: away[action](bare[0]), PAUSE)
+    running = states(dockerd.host)["running"] + 1
+    ours, theirs = alternating(
+        ROUNDS,
+        Side(request, release, dockerd.host, running),
+        Side(appear, lambda: away[action](bare[0]), dockerd.host, running),
+    )
     Table().add(Row(f"request of {how} service to ready, 41 services", ours, "ms", goal, theirs, "bare call"))
     if action != "remove":
         appear()

@@ -15,13 +15,14 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import psutil
 import pytest
 from conftest import BASE_IMAGE, wait_for
 from robots import WORK, write_tree
 from rorg_process import RorgProcess
-from rows import Row, Table, alternating, milliseconds
+from rows import Row, Side, Table, alternating, milliseconds, states
 
 COMPOSE = os.environ.get("COMPOSE", "")
 RORG = [sys.executable, "-m", "rorg"]
@@ -110,7 +111,11 @@ def test_all_from_nothing_alone(dockerd, tmp_path):
     env, compose = environment(robot), Compose(tmp_path / "compose", 41, dockerd.host)
     apply = [*RORG, "apply", str(robot.tree), "--yes", "--wait"]
     down = [*RORG, "down", "--yes"]
-    ours, theirs = alternating(3, lambda: run(apply, env), compose.up, lambda: run(down, env), compose.down)
+    ours, theirs = alternating(
+        3,
+        Side(lambda: run(apply, env), lambda: run(down, env), dockerd.host, running=41),
+        Side(compose.up, compose.down, dockerd.host, running=41),
+    )
     TABLE.add(Row("41 services from nothing, `apply` alone", ours, "ms", 1.3, theirs, "Compose"))
 
 
@@ -128,11 +133,12 @@ def test_all_from_nothing_before_a_running_rorg(dockerd, tmp_path, count, goal):
             wait_for(lambda: "s000" in {s["service"] for s in client.services()}, 60)
             client.wait(*always_on(count), timeout=300)
 
-        def remove() -> None:
-            write_tree(robot.tree, left)
-            wait_for(lambda: not [s for s in client.services() if s["service"].startswith("s")], 300)
-
-        ours, theirs = alternating(1 if count > 100 else 3, declare, compose.up, remove, compose.down)
+        wait_for(lambda: states(dockerd.host).total() == len(left), 60)
+        ours, theirs = alternating(
+            1 if count > 100 else 3,
+            Side(declare, lambda: write_tree(robot.tree, left), dockerd.host, running=count),
+            Side(compose.up, compose.down, dockerd.host, running=count),
+        )
     TABLE.add(Row(f"{count} manifests put before a running rorg, until ready", ours, "ms", goal, theirs, "Compose"))
 
 
@@ -143,7 +149,8 @@ def test_nothing_and_one_changed(dockerd, tmp_path):
     apply = [*RORG, "apply", str(robot.tree), "--yes", "--wait"]
     compose.up()
     run(apply, env)
-    ours, theirs = alternating(7, lambda: run(apply, env), compose.up)
+    both: dict[str, Any] = {"host": dockerd.host, "running": 2 * 41}
+    ours, theirs = alternating(7, Side(lambda: run(apply, env), **both), Side(compose.up, **both))
     TABLE.add(Row(f"nothing changed, `apply` alone (Compose {theirs:.0f} ms)", ours, "ms", 300))
     with running(robot):
         client = robot.client()
@@ -164,7 +171,7 @@ def test_nothing_and_one_changed(dockerd, tmp_path):
             compose.change(number)
             compose.up()
 
-        ours, theirs = alternating(5, counted(change), counted(theirs_changed), settle)
+        ours, theirs = alternating(5, Side(counted(change), settle, **both), Side(counted(theirs_changed), **both))
         TABLE.add(Row("one manifest saved, until the new container is ready", ours, "ms", 1.2, theirs, "Compose"))
     compose.down()
 
@@ -184,7 +191,7 @@ def at_rest(tmp_path_factory):
 @pytest.mark.parametrize("line", ["get", "diff", "why s001", "request s002 --id bench"])
 def test_a_command_through_a_loop(at_rest, line):
     words, env = [*RORG, *line.split()], environment(at_rest)
-    ours, theirs = alternating(15, lambda: run(words, env), bare)
+    ours, theirs = alternating(15, Side(lambda: run(words, env)), Side(bare))
     TABLE.add(Row(f"`rorg {line.partition(' ')[0]}` through a loop (bare Python {theirs:.0f} ms)", ours, "ms", 55))
 
 
@@ -201,7 +208,7 @@ def test_calls_of_a_program(at_rest):
 def test_validate_300(tmp_path):
     write_tree(tmp_path / "tree", {f"s{n:03}": {} for n in range(300)})
     words = [*RORG, "validate", str(tmp_path / "tree")]
-    ours, theirs = alternating(7, lambda: run(words, ENVIRONMENT), bare)
+    ours, theirs = alternating(7, Side(lambda: run(words, ENVIRONMENT)), Side(bare))
     TABLE.add(Row(f"`rorg validate`, 300 services (bare Python {theirs:.0f} ms)", ours, "ms", 400))
 
 
