@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import os
+import shutil
 import socket
 import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 
 import commands
 import pytest
@@ -79,6 +81,26 @@ def test_a_service_that_spoils_its_directory_has_no_socket_and_the_others_have(r
     place.rmdir()
     robot.wait(lambda: (robot.loop.wake(), place.is_socket())[1])
     robot.client("alpha", patience=5).services()
+
+
+def test_sockets_that_somebody_removed_come_back(robot, monkeypatch):
+    monkeypatch.setattr("rorg.api.server.RESTORE", 0.1)
+    robot.stop()
+    robot.start()
+    robot.client("alpha", patience=5).services()
+    before, after = robot.client(), robot.client(patience=0)
+    before.services()
+    for remove in (lambda: shutil.rmtree(robot.state.run), lambda: Path(robot.socket("alpha")).unlink()):
+        mounted = os.open(Path(robot.socket("alpha")).parent, os.O_PATH)
+        remove()
+        before.services()
+        for service in ("", "alpha", "beta"):
+            wait_for(lambda service=service: os.path.exists(robot.socket(service)), 30, f"the socket of {service}")
+            robot.client(service, patience=5).services()
+    assert os.path.exists(f"/proc/self/fd/{mounted}/rorg.sock"), "what a container mounts stays"
+    os.close(mounted)
+    after.services()
+    assert [line for line in robot.lines if "had been removed, and was made again" in line]
 
 
 def test_a_service_cannot_take_the_room_of_others(robot):

@@ -32,7 +32,7 @@ from rorg.api.operations import Operations
 from rorg.api.permissions import Caller, group_id, peer
 from rorg.api.read_routes import Quick
 from rorg.api.secret_filter import Hiding
-from rorg.api.sockets import BACKLOG, NAME, MachineSockets, ServiceSockets, listen, make_directories
+from rorg.api.sockets import BACKLOG, NAME, MachineSockets, ServiceSockets, file_of, listen, make_directories
 from rorg.api.tls import Tls
 from rorg.daemon.loop import Loop
 from rorg.errors import Invalid
@@ -42,6 +42,8 @@ FAREWELL = 2.0
 """Seconds that stop() waits for answers under way."""
 LOOK = 0.5
 """Seconds between two checks for overdue connections."""
+RESTORE = 5.0
+"""Seconds between two checks whether the sockets are still there."""
 MOST_FILES = 65536
 """Descriptors that this process asks for."""
 
@@ -88,7 +90,7 @@ class Server:
         logging.getLogger("uvicorn.error").setLevel(logging.CRITICAL)
         self.room = limits.room(_descriptors())
         make_directories(self.directory)
-        main = listen(self.directory, self.directory / NAME, group=self.group)
+        main = self._main()
         self.operations.committer.start()
         started = threading.Event()
         self._thread = threading.Thread(target=self._run, args=(main, started), name="api-server", daemon=True)
@@ -125,6 +127,15 @@ class Server:
             self._thread.join(5)
         (self.directory / NAME).unlink(missing_ok=True)
 
+    def _peer(self, connection: socket.socket | None, _: Any) -> Caller:
+        return peer(connection, self.group)
+
+    def _main(self) -> socket.socket:
+        """The socket for people. Raises OSError."""
+        made = listen(self.directory, self.directory / NAME, group=self.group)
+        self._main_file = file_of(self.directory / NAME)
+        return made
+
     def _run(self, main: socket.socket, started: threading.Event) -> None:
         runner = asyncio.Runner(loop_factory=self.config.get_loop_factory())
         self._asyncio = runner.get_loop()
@@ -141,7 +152,7 @@ class Server:
     async def _serve(self, main: socket.socket, started: threading.Event) -> None:
         loop = asyncio.get_running_loop()
         loop.set_exception_handler(self._odd)
-        self._listen(main, lambda connection, _: peer(connection, self.group))
+        self._end_main = self._listen(main, self._peer)
         if self.tcp:
             host, port, tls = self.tcp
             for family, *_, address in await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM):
@@ -150,6 +161,7 @@ class Server:
         self.uvicorn.started = True
         started.set()
         self._look()
+        self._restore()
         # Its main_loop() would wake ten times a second, which was half of rorg's CPU at rest.
         await self.uvicorn.on_tick(0)
         await self._over.wait()
@@ -200,6 +212,20 @@ class Server:
                 connection.transport.abort()
         self._renew_tls()
         loop.call_later(LOOK, self._look)
+
+    def _restore(self) -> None:
+        """Makes sockets again that someone has removed, as by wiping the run directory. Connections of people go on."""
+        asyncio.get_running_loop().call_later(RESTORE, self._restore)
+        with contextlib.suppress(OSError):  # otherwise at the next check
+            if file_of(self.directory / NAME) != self._main_file:
+                make_directories(self.directory)
+                main = self._main()
+                self._end_main()
+                self._end_main = self._listen(main, self._peer)
+                text = f"the socket in {self.directory} had been removed, and was made again"
+                self.operations.recorder.event("socket-restored", text)
+        self.services.restore()
+        self.machines.restore()
 
     def _renew_tls(self) -> None:
         """Takes up changed TLS files. Connected clients must show their certificate again."""

@@ -62,12 +62,22 @@ def listen(directory: Path, path: Path, mode: int = 0o660, group: int | None = N
     return listener
 
 
+def file_of(path: Path) -> tuple[int, int]:
+    """Which file is at a path; (0, 0) for none."""
+    try:
+        found = os.lstat(path)
+    except OSError:
+        return 0, 0
+    return found.st_dev, found.st_ino
+
+
 class MachineSockets:
     """A socket for each other machine of the robot, for people; what is asked there goes to that machine."""
 
     def __init__(self, directory: Path, group: int | None, listening: Serve) -> None:
         self.directory, self.group, self.listening = directory / "machines", group, listening
         self.served: dict[str, Callable[[], None]] = {}
+        self._files: dict[str, tuple[int, int]] = {}
 
     def serve(self, names: frozenset[str]) -> None:
         """Serves exactly these machines. A socket that cannot be made is tried again with the next change."""
@@ -77,9 +87,19 @@ class MachineSockets:
         for name in sorted(names - set(self.served)):
             with contextlib.suppress(OSError):
                 make_directory(self.directory, 0o755)
-                listener = listen(self.directory, self.directory / f"{name}.sock", group=self.group)
+                path = self.directory / f"{name}.sock"
+                listener = listen(self.directory, path, group=self.group)
+                self._files[name] = file_of(path)
                 asks = lambda connection, _, name=name: replace(peer(connection, self.group), at=name)  # noqa: E731
                 self.served[name] = self.listening(listener, asks, "")
+
+    def restore(self) -> None:
+        """Make the sockets again that someone has removed."""
+        lost = {n for n in self.served if file_of(self.directory / f"{n}.sock") != self._files[n]}
+        declared = frozenset(self.served)
+        for name in lost:
+            self.served.pop(name)()
+        self.serve(declared)
 
 
 class ServiceSockets:
@@ -95,6 +115,7 @@ class ServiceSockets:
         self.directory, self.group, self.listening, self.recorder = directory, group, listening, recorder
         self.served: dict[str, Callable[[], None]] = {}
         """Service -> function that ends its socket."""
+        self._files: dict[str, tuple[int, int]] = {}
         self._declared: frozenset[str] = frozenset()
         self._again = float("inf")
         """When to try again to make sockets that failed."""
@@ -123,9 +144,21 @@ class ServiceSockets:
             try:
                 self.prepare([name])
                 # The mount is the permission; a program may run as any user in its container.
-                listener = listen(self.directory, self.directory / "services" / name / NAME, 0o666, self.group)
+                listener = listen(self.directory, self._path(name), 0o666, self.group)
+                self._files[name] = file_of(self._path(name))
                 self.served[name] = self.listening(listener, lambda *_, caller=caller: caller, name)
             except OSError as error:
                 self._again = time.monotonic() + RETRY
                 told = f"{name} has no socket for requests: {error}"
                 self.recorder.when_new(f"socket of {name}", str(error), "no-socket", told)
+
+    def restore(self) -> None:
+        """Make the sockets again that someone has removed."""
+        lost = {name for name in self.served if file_of(self._path(name)) != self._files[name]}
+        declared = frozenset(self.served)
+        for name in lost:
+            self.served.pop(name)()
+        self.serve(declared)
+
+    def _path(self, name: str) -> Path:
+        return self.directory / "services" / name / NAME
