@@ -78,6 +78,8 @@ def test_exit_codes_without_an_engine(shell, tmp_path):
     (shell.tree / "services" / "base.yaml").write_text("kind: Service\n- x")
     found = shell("validate", str(shell.tree), "-o", "json", code=2)
     assert json.loads(found.stdout)[0]["line"] == 2
+    lines = shell("diff", str(shell.tree), code=2).stderr.splitlines()
+    assert lines[-1] == "fix them, then `rorg validate`"
 
 
 def test_an_internal_error_is_70_and_never_1(shell):
@@ -130,6 +132,11 @@ def test_request_why_release_with_a_running_loop(shell):
     wait_for(lambda: shell.active() == {"base"})
     assert "not wanted" in shell("why", "navigation").stdout
     assert "needed_by: []" in shell("describe", "navigation").stdout
+    sources = json.loads(shell("describe", "navigation", "-o", "json").stdout)["sources"]
+    explained = shell("explain", "navigation", RORG_STATE_DIR=str(shell.state)).stdout.splitlines()[1:]
+    assert sources.items() >= {"priority": "default", "restart": "default"}.items()
+    found = [line.split()[0] for line in explained if line.endswith(f" {sources[line.split()[0]]}")]
+    assert found == list(sources), "one source for both"
     assert '"navigation" -> "roscore";' in shell("graph", "-o", "dot").stdout
     shell("logs", "navigation")
 

@@ -101,6 +101,7 @@ def test_why_is_one_click_away(robot, watched):
     ]
     watched.page.wait_for_selector(".drawer .events li:has-text('localization is ready')")
     watched.page.wait_for_selector(".drawer td:has-text('profile common')")
+    watched.page.wait_for_selector(".drawer tr:has(th:text-is('restart')) td:text-is('default')")
     watched.page.keyboard.press("Escape")
     watched.page.wait_for_selector(".drawer", state="detached")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from fastapi import FastAPI
@@ -17,6 +18,7 @@ from rorg.core.observed import Observed
 from rorg.engines.protocol import Engine
 from rorg.errors import RorgError
 from rorg.history.journal import Filter, Journal
+from rorg.manifest.effective import effective
 
 MOST = 10
 """Events, and log lines."""
@@ -24,17 +26,30 @@ LONGEST = 1000
 """Bytes of a log line; longer ones are cut."""
 
 
-def describe(current: Current, name: str, journal: Journal, engine: Callable[[], Engine]) -> list[dict[str, Any]]:
-    """Describes a service, or each of a group. Asks the engine for the last lines of logs. Raises Missing."""
+def describe(
+    current: Current, name: str, journal: Journal, engine: Callable[[], Engine], root: Path, robot: str
+) -> list[dict[str, Any]]:
+    """Describes a service, or each of a group. Asks the engine for the last lines of logs, and the tree of manifests at
+    `root` for what declares each value. Raises Missing."""
     names = (name,) if name in current.statuses else current.members(name)
+    services = current.catalog.services
     return [
         {
             **declared(current, n),
+            "sources": _sources(root, n, robot) or {f"container.{k}": v for k, v in services[n].origins.items()},
             "events": [f"{e['at']} {e['message']}" for e in _events(journal, n)],
             "log": _log(current.decision.situation.observed, n, engine),
         }
         for n in names
     ]
+
+
+def _sources(root: Path, name: str, robot: str) -> dict[str, str]:
+    """Return field -> what declares it, as `rorg explain NAME` says; empty if the tree has mistakes now."""
+    try:
+        return {value.field: value.source for value in effective(root, name, robot)}
+    except (RorgError, OSError):
+        return {}
 
 
 def _events(journal: Journal, service: str) -> list[dict[str, Any]]:
@@ -63,7 +78,6 @@ def declared(current: Current, name: str) -> dict[str, Any]:
         "needed_by": sorted(s.name for s in services.values() if name in s.needs),
         "status": status.as_json(),
         "container": spec,
-        "sources": dict(service.origins),
     }
 
 
@@ -88,5 +102,12 @@ def add_description(app: FastAPI, operations: Operations) -> None:
     def description(name: str) -> Response:
         """Everything about a service, or each of a group: its declaration and where that comes from, its state, its
         last events and the last lines of its log. Of environments only the names."""
-        descriptions = describe(operations.current, name, operations.journal, lambda: operations.engine)
+        descriptions = describe(
+            operations.current,
+            name,
+            operations.journal,
+            lambda: operations.engine,
+            operations.tree.root,
+            operations.tree.robot,
+        )
         return Response(json.dumps(descriptions), media_type="application/json")

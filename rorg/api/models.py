@@ -105,7 +105,7 @@ class Description(BaseModel):
     needed_by: list[str]
     status: ServiceView
     container: dict[str, Any] = Field(description="Its options; of the environment only the names.")
-    sources: dict[str, str] = Field(description="Option -> the place in the tree that declares it.")
+    sources: dict[str, str] = Field(description="Field -> what declares it, as `rorg explain SERVICE` says.")
     events: list[str] = Field(description="Its last events.")
     log: list[str] = Field(description="The last lines that it printed.")
 

@@ -46,6 +46,6 @@ def _here(context: Context, service: str) -> list[dict[str, Any]]:
 
     local = Local(context)
     with reading(context.state.journal) as database:
-        described = describe(local.looked, service, Journal(database), context.engine)
+        described = describe(local.looked, service, Journal(database), context.engine, context.root, context.robot)
     descriptions: list[dict[str, Any]] = json.loads(context.masker.json(json.dumps(described)))
     return descriptions

@@ -78,14 +78,23 @@ function Log({ name, service }) {
     <pre class="log" tabindex="0" role="region" aria-label="Last lines of ${name}">${text.join("") || "It has printed nothing."}</pre>`;
 }
 
+/** What declares a field, or its parts; each once. */
+function origins(about, field) {
+  const parts = Object.entries(about.sources).filter(([name]) => name === field || name.startsWith(`${field}.`) || name.startsWith(`${field}[`));
+  return [...new Set(parts.map(([, source]) => source))].join("; ") || "default";
+}
+
+const originsOfOption = (about, option) =>
+  ["image", "command"].includes(option) ? origins(about, option) : origins(about, `container.${option}`);
+
 /** The options of a container, one in each row, with where each comes from. */
 function Configuration({ name, service }) {
   const { value, error } = useAnswer(`/v1/services/${encode(name)}/description`, service?.container);
   if (error) return html`<p class="refusal">${error}</p>`;
   const about = value?.[0];
   if (!about) return null;
-  const own = ["needs", "conflicts", "priority", "restart", "idle"].map((key) => [key, about[key], about.manifest]);
-  const options = Object.entries(about.container ?? {}).map(([key, option]) => [key, option, about.sources?.[key]]);
+  const own = ["needs", "conflicts", "priority", "restart", "idle"].map((key) => [key, about[key], origins(about, key)]);
+  const options = Object.entries(about.container ?? {}).map(([key, option]) => [key, option, originsOfOption(about, key)]);
   return html`<p>${about.description}</p>
     <table><caption class="hidden">Configuration of ${name}</caption>
       <thead><tr><th scope="col">Option</th><th scope="col">Value</th><th scope="col">From</th></tr></thead>
