@@ -42,7 +42,8 @@ class RorgError(Exception):
 
     def __init__(self, what: str, why: str, remedy: str = "") -> None:
         self.what, self.why, self.remedy = what, why, remedy
-        super().__init__(f"cannot {what}: {why}{advice(remedy)}")
+        end = advice(remedy)
+        super().__init__(f"cannot {what}: {why}{end.removeprefix('; ') if why.endswith(chr(10)) else end}")
 
 
 class Invalid(RorgError):

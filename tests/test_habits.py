@@ -44,6 +44,7 @@ def test_a_name_may_have_its_kind_in_front(rorg):
     assert rorg("get", "services/base", "-o", "name").stdout == "base\n"
     assert json.loads(rorg("describe", "service/base", "-o", "json").stdout)["name"] == "base"
     assert "wheels" in rorg("logs", "service/base").stdout
+    assert json.loads(rorg("describe", "svc/base", "-o", "json").stdout)["name"] == "base"
     assert "no such service" in rorg("get", "service/bas", code=2).stderr
 
 

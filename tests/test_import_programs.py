@@ -179,7 +179,9 @@ def test_the_commands_write_once_and_only_what_is_whole(tmp_path):
     assert done.returncode == 2
     assert "bad.service:2:1: error: Type=forking" in done.stderr
     assert not (tmp_path / "manifests").exists()
-    assert rorg("import systemd nav.service").returncode == 0
+    written = rorg("import systemd nav.service")
+    assert (written.returncode, written.stderr.splitlines()[-1]) == (0, "next: rorg run --engine process manifests")
+    assert "next: rorg run other" in rorg("import systemd nav.service --image debian --output other").stderr
     again = rorg("import systemd nav.service")
     assert again.returncode == 5
     assert "--force" in again.stderr

@@ -237,6 +237,7 @@ def test_the_command_tells_ros_1_from_ros_2_or_asks(tmp_path):
     assert "try `--ros 1` or `--ros 2`" in asked.stderr
     assert "x.launch starts nothing" in rorg("import roslaunch x.launch --ros 2").stderr
     assert rorg("import roslaunch x.launch --ros 1 --output one").returncode == 0
+    assert rorg("import launch x.launch --ros 1 --output two").returncode == 0, "as people call it for ROS 2"
     environment["ARM"] = "right"
     done = rorg("import roslaunch bot.launch.xml")
     assert done.returncode == 0, done.stderr

@@ -21,6 +21,7 @@ from rorg.core.wanted import Cause
 from rorg.model.catalog import Catalog, Service
 from rorg.model.devices import Device, Plugged
 from rorg.model.policy import Policy
+from rorg.model.units import format_left
 
 STARTED = "2026-01-01T12:00:00Z"
 
@@ -260,6 +261,11 @@ def test_a_countdown_shows_whole_seconds_until_its_moment(now, shown):
     assert Timed("in ", 100.0).at(now) == shown
     assert printed(prefixed("again ", Timed("in ", 100.0, ": no")), now) == f"again {shown}: no"
     assert printed(prefixed("again ", "soon"), now) == "again soon"
+
+
+@pytest.mark.parametrize(("left", "text"), [(-1.0, "now"), (0.0, "now"), (0.2, "in 1 s"), (7.5, "in 8 s")])
+def test_no_time_left_is_now(left, text):
+    assert format_left(left) == text
 
 
 def test_a_plan_holds_until_the_first_moment_that_it_asks_for():

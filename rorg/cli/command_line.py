@@ -12,11 +12,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from rorg.cli.options import SERVICES, Argument, Option
+from rorg.cli.options import KINDS, SERVICES, Argument, Option
 from rorg.cli.signature import Parameter, parted
 from rorg.cli.usage import misread, unknown_option
 
-SERVICE = re.compile(r"services?/(?=.)")
+SERVICE = re.compile(rf"({'|'.join(KINDS['service'])})/(?=.)")
 """In front of a name, as users of kubectl write it: service/navigation."""
 WORDS = {int: "a whole number", float: "a number"}
 

@@ -17,7 +17,7 @@ from rorg.model.units import counted
 if TYPE_CHECKING:
     from rorg.tools.importing.manifests import Imported
 
-SOURCES = ("compose", "systemd", "roslaunch")
+SOURCES = ("compose", "systemd", "roslaunch", "launch")
 
 Files = Annotated[
     list[str],
@@ -45,7 +45,7 @@ Skip = Annotated[
 
 
 def command(
-    what: Annotated[str, Argument("compose, systemd or roslaunch.", choices=SOURCES)],
+    what: Annotated[str, Argument("compose, systemd or roslaunch; launch is the same as roslaunch.", choices=SOURCES)],
     files: Files = [],  # noqa: B006
     *,
     env_file: Annotated[list[str], Option("For compose: read this file instead of .env.", completes=FILES)] = [],  # noqa: B006
@@ -81,7 +81,8 @@ def command(
     if imported.errors:
         _refuse(imported, what, form)
     _write(imported, output, force)
-    _tell(imported, output, form)
+    without_image = what == "systemd" and not image
+    _tell(imported, output, form, "run --engine process" if without_image else "run")
 
 
 def _compose(
@@ -196,8 +197,9 @@ def _write(imported: Imported, output: Path, force: bool) -> None:
         write_tree(imported, output)
 
 
-def _tell(imported: Imported, output: Path, form: str) -> None:
-    """Reports what was written, and what `rorg validate` finds in it. Exits with its code if there are errors."""
+def _tell(imported: Imported, output: Path, form: str, then: str) -> None:
+    """Reports what was written, what `rorg validate` finds in it, and the command that comes `then`. Exits with
+    the code of `rorg validate` if there are errors."""
     from collections import Counter
 
     _notes(imported, form)
@@ -217,7 +219,7 @@ def _tell(imported: Imported, output: Path, form: str) -> None:
         note(f"the files are written; correct them, then `rorg validate {output}`")
         refuse(len(errors))
     warnings = f", with {counted(len(diagnostics), 'warning')} (`rorg validate {output}`)" if diagnostics else ""
-    note(f"valid{warnings}\nnext: rorg run {output}")
+    note(f"valid{warnings}\nnext: rorg {then} {output}")
 
 
 def _whole(imported: Imported, output: Path | None) -> dict[str, Any]:

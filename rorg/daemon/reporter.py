@@ -20,7 +20,7 @@ from rorg.daemon.snapshot import pressure_json
 from rorg.daemon.tree import Tree
 from rorg.engines.protocol import Engine
 from rorg.model.diagnostics import nearest
-from rorg.model.units import counted, format_seconds
+from rorg.model.units import counted, format_left
 from rorg.store.requests_file import RequestsFile
 
 OFTEN = 8
@@ -166,15 +166,17 @@ class Reporter:
             self.recorder.fold(name, step.exits > OFTEN and not often)
             if self.is_news(f"crashes {name}", step.crashes):
                 service = decision.situation.desired.catalog.services.get(name)
-                what = f"{'driver ' if service and service.driver else ''}{name} {step.error or failed}"
+                what = f"{'driver ' if service and service.driver else ''}{name} {step.error or failed or 'ended'}"
                 text = f"{what} (unexpected exit {step.crashes})"
                 self.event("crashed", text, service=name, crashes=step.crashes)
                 if often:
                     left = f"the next line is about its {2 * step.exits}th exit in a row"
                     self.recorder.tell(f"{name} goes on like this: {left}, and `rorg events` has all of them")
             if self.is_news(f"stalled {name}", step.stalled):
-                again = format_seconds(max(0.0, step.retry_at - self.clock()))
-                text = f"stalled: {step.error}; next try in {again}" if step.stalled else "no longer stalled"
+                again = format_left(step.retry_at - self.clock())
+                text = (
+                    f"stalled: {step.error or 'no effect'}; next try {again}" if step.stalled else "no longer stalled"
+                )
                 about = {"service": name, **({"error": step.error} if step.stalled else {})}
                 self.event("stalled" if step.stalled else "recovered", f"{name} is {text}", False, **about)
             if self.is_news(f"update {name}", failed) and failed:

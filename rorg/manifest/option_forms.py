@@ -43,6 +43,8 @@ def _pairs(value: object) -> object:
         if not all(isinstance(item, str) and "=" in item for item in value):
             raise ValueError("each item must read KEY=VALUE")
         return dict(item.split("=", 1) for item in value)
+    if isinstance(value, str):
+        raise ValueError("must be a mapping, or a list of KEY=VALUE")
     return value
 
 

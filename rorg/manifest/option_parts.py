@@ -208,6 +208,8 @@ def read_networks(value: object) -> object:
         if not all(isinstance(name, str) for name in value):
             raise ValueError("each item must be the name of a network")
         return {name: {} for name in value}
+    if isinstance(value, str):
+        raise ValueError(f"must be a list of names, or a mapping; try [{value}]")
     return {k: {} if v is None else v for k, v in value.items()} if isinstance(value, dict) else value
 
 

@@ -13,7 +13,11 @@ from rorg.manifest.probes import Interlock
 
 
 def _units(value: object) -> object:
-    return dict.fromkeys(value, 1) if isinstance(value, list) and all(isinstance(v, str) for v in value) else value
+    if isinstance(value, list) and all(isinstance(v, str) for v in value):
+        return dict.fromkeys(value, 1)
+    if isinstance(value, str):
+        raise ValueError(f"must be a list of names, or a mapping of numbers; try [{value}]")
+    return value
 
 
 Units = Annotated[

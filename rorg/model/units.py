@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from datetime import UTC, datetime
 from decimal import Decimal
+from math import ceil
 
 DURATION = r"^(([0-9]+(\.[0-9]+)?(ms|s|m|h|d))+|[0-9]+(\.[0-9]+)?)$"
 MEMORY = r"^[0-9]+(\.[0-9]+)?([bB]|[kKmMgG]([bB]|i|iB)?)?$"
@@ -72,6 +73,11 @@ def format_seconds(seconds: float) -> str:
     if seconds < 120:
         return f"{seconds:.0f} s"
     return f"{int(seconds) // 60} m {int(seconds) % 60} s"
+
+
+def format_left(seconds: float) -> str:
+    """Formats the time left until something for people: in 8 s; now, if none is left."""
+    return f"in {format_seconds(max(1.0, float(ceil(seconds - 1e-6))))}" if seconds > 0 else "now"
 
 
 def format_time(epoch: float) -> str:

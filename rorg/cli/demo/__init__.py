@@ -40,8 +40,7 @@ def command(
     finally:
         show.close()
         if keep:
-            show.line(f"kept: {robot.folder}; try RORG_STATE_DIR={robot.state.path} rorg get")
-            robot.leave()
+            robot.keep()
         else:
             show.line("cleaning up")
             robot.clean_up(show.line)

@@ -83,6 +83,13 @@ class DemoRobot(ThrowawayRobot):
     def start(self) -> None:
         self.run(make_tree(self.tree, self.state, self.engine.name), self.show.event, "rorg demo")
 
+    def keep(self) -> None:
+        """Ends the loop, and says how to go on with the services that it leaves."""
+        self.leave()
+        self.show.line(f"kept: its services go on. In two terminals, first: export RORG_STATE_DIR={self.state.path}")
+        self.show.line(f"  rorg run {self.tree} --engine {self.engine.name}")
+        self.show.line("  rorg get, rorg ui; at the end: rorg down")
+
     def meanwhile(self) -> None:
         """Redraws the table."""
         self.show.table(self)
