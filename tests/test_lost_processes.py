@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import os
 from dataclasses import replace
 
 import psutil
 import pytest
+from commands import rorg
 from conftest import wait_for
 from dockerd import Dockerd, own_dockerd
 from robots import RealRobot
@@ -60,6 +62,11 @@ def test_while_the_engine_cannot_end_it_rorg_names_what_is_wrong(tmp_path):
             "the engine calls it running, but its process has ended",
         )
         assert client.service("base")["health"] == "Healthy"
+        told = rorg("doctor", "-o", "json", RORG_STATE_DIR=str(robot.state.path), DOCKER_HOST=dockerd.host)
+        (check,) = [c for c in json.loads(told.stdout) if c["check"] == "service arm"]
+        assert (check["status"], check["message"]) == ("warning", ready["message"])
+        why = rorg("why", "arm", RORG_STATE_DIR=str(robot.state.path), DOCKER_HOST=dockerd.host).stdout
+        assert ready["message"] in why
         robot.change(lambda asked: replace(asked, suspended=None))
         robot.wait(lambda: client.service("arm")["health"] == "Healthy", 60)
         robot.close()

@@ -178,7 +178,9 @@ def objects_of(case: dict, desired) -> FoundObjects | None:
 
 
 def memory_of(case: dict, containers: list[Container], editions: Mapping[str, str]) -> Memory:
-    progress = {
+    # rorg has seen all runs.
+    progress = {c.service: Progress(incarnation=c.incarnation) for c in reversed(containers) if c.state == "exited"}
+    progress |= {
         c.service: Progress(running_since=0.0, ready=True, incarnation=c.incarnation)
         for c in containers
         if c.state == "running"

@@ -102,7 +102,7 @@ def test_what_ends_again_and_again_makes_it_fail():
     assert stands(ON, seen=(ended,), memory=broken()) == fails
     edition = baked(ON).update.edition
     assert stands(ON, seen=(ended,), memory=broken(baked=edition), good=True) == fails, "it was well before"
-    released = Memory({"base": replace(Progress(), update=Update(edition=edition, broken="exit code 1"))})
+    released = Memory({"base": replace(Progress(), update=Update(edition=edition, crashing={edition: "exit code 1"}))})
     assert stands(BASE, seen=(ended,), memory=released) == fails, "a release repairs nothing"
 
 

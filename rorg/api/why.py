@@ -10,6 +10,7 @@ from rorg.api.views import requests
 from rorg.core.admission import admit
 from rorg.core.status import Status
 from rorg.model.catalog import Catalog
+from rorg.model.codes import VANISHED
 
 
 def why_active(current: Current, name: str) -> list[dict[str, Any]]:
@@ -24,6 +25,7 @@ def why_active(current: Current, name: str) -> list[dict[str, Any]]:
 def _why(current: Current, name: str) -> dict[str, Any]:
     """The chain from a service to a root, who requests it, what needs it, and what it waits for."""
     status, catalog = current.statuses[name], current.catalog
+    ready = status.condition("Ready")
     return {
         "service": name,
         "wanted": status.wanted,
@@ -50,7 +52,7 @@ def _why(current: Current, name: str) -> dict[str, Any]:
             *current.decision.plan.reasons().get(name, ()),
             *_probing(status),
         ],
-        "cautions": status.cautions,
+        "cautions": [*status.cautions, *([ready.message] if ready.reason == VANISHED else [])],
     }
 
 

@@ -17,6 +17,7 @@ from rorg.cli.options import Output, RobotEngine
 from rorg.cli.output import print_rows
 from rorg.cli.places import NAME, may_connect
 from rorg.errors import Exit, Refused, RorgError, Unreachable
+from rorg.model.codes import VANISHED
 from rorg.model.engines import SWARM, capabilities_of
 from rorg.model.units import counted
 
@@ -37,7 +38,7 @@ def command(context: RobotEngine, output: Output = "table") -> None:
     """
     from rorg.core.doctor import ERROR, examine
 
-    checks = [*examine(_facts(context)), *_targets(context)]
+    checks = [*examine(_facts(context)), *_targets(context), *_vanished(context)]
     rows = [check.as_json() for check in checks]
     print_rows(rows, output, ("check", "status", "message", "remedy"), below=("message", "remedy"))
     if any(check.status == ERROR for check in checks):
@@ -88,6 +89,18 @@ def _targets(context: Context) -> Iterator[Check]:
             yield Check(name, WARNING, message, "to check its entry under `notify` in the Policy")
         else:
             yield Check(name, OK, f"{counted(target['sent'], 'notification')} sent")
+
+
+def _vanished(context: Context) -> Iterator[Check]:
+    """Services that the engine calls running although they have ended."""
+    from rorg.core.doctor import WARNING, Check
+
+    services = (context.last() or {}).get("services") or {} if context.state.owner() else {}
+    for name, service in services.items():
+        for condition in service["conditions"]:
+            if condition["reason"] == VANISHED:
+                remedy = "`systemctl restart docker`, if rorg cannot stop it"
+                yield Check(f"service {name}", WARNING, condition["message"], remedy)
 
 
 def _engine(context: Context) -> tuple[dict[str, Any], list[Path]]:

@@ -6,7 +6,7 @@ from rorg.core.diff import difference
 from rorg.core.observed import Container
 from rorg.core.situation import Situation
 from rorg.model.catalog import Service
-from rorg.model.codes import NO_IMAGE
+from rorg.model.codes import NO_IMAGE, VANISHED
 from rorg.model.health import Health
 
 
@@ -19,9 +19,7 @@ def health_of(situation: Situation, name: str, ready: bool, reason: str, image: 
         return Health.DEGRADED
     if ready and not image:
         return Health.COMPLETED if reason == "Completed" else Health.HEALTHY
-    return (
-        Health.DEGRADED if reason in ("Late", "Failed", "OutOfMemory", "NoDevice", "Vanished") else Health.PROGRESSING
-    )
+    return Health.DEGRADED if reason in ("Late", "Failed", "OutOfMemory", "NoDevice", VANISHED) else Health.PROGRESSING
 
 
 def kept_out(situation: Situation, name: str) -> Health | None:

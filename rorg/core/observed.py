@@ -51,7 +51,7 @@ def from_labels(labels: Mapping[str, str]) -> Labelled:
     }
 
 
-VANISHED = "the engine calls it running, but its process has ended"
+PROCESS_GONE = "the engine calls it running, but its process has ended"
 ASLEEP = frozenset({"inactive", "paused"})
 """States of a container whose run goes on although nothing can rely on it."""
 

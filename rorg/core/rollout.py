@@ -71,7 +71,7 @@ def renewed(progress: Progress, edition: str, now: float) -> Progress:
         return progress
     if not update.edition:
         return replace(progress, update=replace(update, edition=edition))
-    update = replace(update, edition=edition, since=now, broken="", interrupted=0)
+    update = replace(update, edition=edition, since=now, interrupted=0)
     return replace(progress, exits=0, attempts={}, error="", update=update)
 
 
@@ -102,9 +102,9 @@ def _broken_or_mended(progress: Progress, service: Service, now: float) -> Progr
     update = progress.update
     if progress.stalled and not update.failed:
         why = progress.error or "it has no effect"
-        return progress if update.broken else replace(progress, update=replace(update, broken=why))
+        return progress if update.broken else replace(progress, update=update.noting_crashes(why))
     mended_at = mended_from(progress, service)
-    return progress if mended_at is None or mended_at > now else replace(progress, update=replace(update, broken=""))
+    return progress if mended_at is None or mended_at > now else replace(progress, update=update.noting_crashes(""))
 
 
 def mended_from(progress: Progress, service: Service) -> float | None:

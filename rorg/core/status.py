@@ -10,13 +10,13 @@ from typing import Any
 from rorg.core.conditions import CAUTIONS, Condition, occasional, reconciling, requested, runs_once, stalled
 from rorg.core.health import health_of, is_synced, kept_out
 from rorg.core.links import Remote
-from rorg.core.observed import VANISHED, Container
+from rorg.core.observed import PROCESS_GONE, Container
 from rorg.core.operations import Create, Rename, Stop
 from rorg.core.plan import Action, Part, Plan
 from rorg.core.situation import Situation
 from rorg.core.wanted import Cause, Link, chain
 from rorg.model.catalog import Service
-from rorg.model.codes import IMAGE, NO_IMAGE
+from rorg.model.codes import IMAGE, NO_IMAGE, VANISHED
 from rorg.model.health import Health
 
 STOPPING = "stopping"
@@ -265,7 +265,7 @@ class _Assessed:
                 return True, "Completed", "it ended with exit code 0"
             return False, failed, progress.error
         if current.vanished:
-            return False, "Vanished", VANISHED
+            return False, VANISHED, PROCESS_GONE
         if progress.doubted_since is not None:
             return False, "Ending", "rorg was ended while stopping it"
         if current.state == "running" and progress.running_since is not None:

@@ -13,7 +13,7 @@ from rorg.core.diff import Difference
 from rorg.core.digest import declared_of
 from rorg.core.joining import tried
 from rorg.core.memory import DEFAULT_GRACE, NO_ANSWER
-from rorg.core.observed import VANISHED, Container
+from rorg.core.observed import PROCESS_GONE, Container
 from rorg.core.operations import Activate, Operation, Remove, Rename, Resume, Signal, Start, Stop, Update
 from rorg.core.plan import Part, Waiting
 from rorg.core.pressure import LOWERED_SHARES
@@ -192,7 +192,7 @@ def cannot_go_on(view: View, service: Service, container: Container) -> str:
     was restarted. "" otherwise."""
     memory = view.s.memory.of(service.name)
     if container.vanished:
-        return VANISHED
+        return PROCESS_GONE
     if memory.hung == container.incarnation:
         return memory.error or NO_ANSWER
     for need in service.restarts_with:

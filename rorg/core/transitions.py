@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeGuard
 
 from rorg.core.memory import DEFAULT_GRACE, STABLE, CountedOn, ProbeResult, Progress, delay
-from rorg.core.observed import VANISHED, Container, Observed
+from rorg.core.observed import PROCESS_GONE, Container, Observed
 from rorg.core.operations import Start
 from rorg.model.catalog import Service
 
@@ -209,7 +209,7 @@ def _exit(progress: Progress, service: Service, current: Container | None, evide
     exits = progress.exits + 1
     why = "ended with out of memory" if current.oom_killed else f"ended with exit code {current.exit_code}"
     progress = replace(progress, exits=exits, crashes=progress.crashes + 1, exited=run)
-    return progress.start_after(evidence.now + delay(exits), VANISHED if current.vanished else why)
+    return progress.start_after(evidence.now + delay(exits), PROCESS_GONE if current.vanished else why)
 
 
 def _ready(progress: Progress, service: Service, result: ProbeResult | None, now: float) -> Progress:

@@ -35,9 +35,9 @@ class Update:
     """Id of the container that passed its trial, while the previous one still exists."""
     baked: str = ""
     """The edition that stayed well last."""
-    broken: str = ""
-    """Why the desired edition counts as failed although rorg goes on starting it: it ends again and again. A release
-    or a restart of rorg repairs nothing, so it stays until a run has stayed well, or a person retries."""
+    crashing: Mapping[str, str] = field(default_factory=dict)
+    """Edition that ended again and again, though rorg goes on starting it -> why; oldest first. A release or a restart
+    of rorg repairs nothing, so it stays until a run of this edition has stayed well, or a person retries."""
     drawn: str = ""
     """Why its change is not made or is undone although nothing is wrong with it: another change of its set failed."""
     held: str = ""
@@ -60,15 +60,28 @@ class Update:
         return replace(self, quarantined={**dict(last), self.edition: error}, failed_at=now)
 
     @property
+    def broken(self) -> str:
+        """Why the desired edition counts as failed although rorg goes on starting it; "" if it does not."""
+        return self.crashing.get(self.edition, "")
+
+    @property
     def failures(self) -> Mapping[str, str]:
         """Return all editions that are known to fail, each with the reason."""
-        return {**self.quarantined, self.edition: self.broken} if self.broken else self.quarantined
+        return {**self.crashing, **self.quarantined}
+
+    def noting_crashes(self, error: str) -> Update:
+        """Return the update with the desired edition known to end again and again; without an `error`, no more."""
+        others = {edition: why for edition, why in self.crashing.items() if edition != self.edition}
+        return replace(
+            self, crashing={**dict([*others.items()][-(MOST - 1) :]), **({self.edition: error} if error else {})}
+        )
 
     def pardoned(self) -> Update:
         """Return the update with the desired edition free to be tried again. If it was proven once and failed later, it
         must be proven again."""
-        baked, others = "" if self.broken else self.baked, self._others()
-        return replace(self, quarantined=others, broken="", baked=baked, rejected="", failed_at=-inf, interrupted=0)
+        baked = "" if self.broken else self.baked
+        free = replace(self.noting_crashes(""), quarantined=self._others(), baked=baked, rejected="")
+        return replace(free, failed_at=-inf, interrupted=0)
 
     def _others(self) -> dict[str, str]:
         return {edition: why for edition, why in self.quarantined.items() if edition != self.edition}

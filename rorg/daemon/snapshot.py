@@ -185,7 +185,7 @@ def run_json(step: Progress, now: float) -> dict[str, Any]:
         "edition": update.edition,
         "quarantined": dict(update.quarantined),
         "rejected": update.rejected,
-        "broken": update.broken,
+        "crashing": dict(update.crashing),
         "drawn": update.drawn,
         "proven": update.proven,
         "baked": update.baked,

@@ -1,4 +1,4 @@
-"""Codes of waitings that commands check for."""
+"""Codes of waitings and conditions that commands check for."""
 
 IMAGE, NO_IMAGE = "image", "no-image"
 """An image is being built or pulled; or it cannot be obtained."""
@@ -20,3 +20,5 @@ ROOM = "room"
 """A paused container cannot be stopped while a service that conflicts with it runs."""
 BAKING = "baking"
 """A new container is ready, and rorg keeps the previous one until the new one has stayed well long enough."""
+VANISHED = "Vanished"
+"""The engine calls a container running although its process has ended; also the reason why its service is not ready."""
