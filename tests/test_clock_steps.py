@@ -4,15 +4,19 @@ it."""
 from __future__ import annotations
 
 import json
+import os
 from dataclasses import replace
 
 import pytest
+from conftest import wait_for
 from dockerd import own_dockerd
 from robots import RealRobot, VirtualRobot, handed_on
 from test_updates import failed, later, running
 
 from rorg.core.holds import Moment, adjusted, begin_hold, seconds_left
 from rorg.model.catalog import Hold
+from rorg.model.probe import Probe
+from rorg.probes.files import FileProbes
 from rorg.store.requests_document import RequestsDocument
 from rorg.store.requests_parser import parse, render
 
@@ -162,3 +166,34 @@ def until(robot: RealRobot) -> float:
     """When the hold of the arm ends, by the file."""
     robot.file.read()
     return robot.file.document.holds["arm"].until
+
+
+# -- files -----------------------------------------------------------------------------------------------------
+
+
+KEY = ("arm", "ready", 0)
+
+
+def test_a_file_of_this_run_is_no_older_although_the_clock_was_set_ahead(tmp_path):
+    """The run and its file are from 1970. By the present clock the process began today, after it wrote the file."""
+    path = tmp_path / "ready"
+    path.touch()
+    probe = Probe("file", str(path))
+    os.utime(path, (60.0, 60.0))
+    asked = FileProbes().ask(KEY, probe, os.getpid(), False, "1970-01-01T00:00:50Z")
+    assert asked.ok, asked
+    earlier = FileProbes().ask(KEY, probe, os.getpid(), False, "1970-01-01T00:01:10Z")
+    assert earlier.message == f"file {path} is older than this run"
+
+
+@pytest.mark.parametrize("seconds", [-1000.0, 1000.0])
+def test_a_file_is_as_old_as_the_time_since_it_was_modified(tmp_path, seconds):
+    """A file that is modified now gets a time that is far off, as if the clock had been set."""
+    path, probes = tmp_path / "alive", FileProbes()
+    path.touch()
+    probe, key = Probe("file", str(path), interval=0.2), ("arm", "live", 0)
+    assert probes.ask(key, probe, 0, False, "").ok
+    now = path.stat().st_mtime
+    os.utime(path, (now + seconds, now + seconds))
+    assert probes.ask(key, probe, 0, False, "").ok
+    wait_for(lambda: not probes.ask(key, probe, 0, False, "").ok, 5, "the file to be too old")

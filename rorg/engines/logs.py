@@ -15,7 +15,7 @@ from rorg.core.observed import Container
 from rorg.engines.log_lines import LogLine, Reading
 from rorg.engines.protocol import Engine
 from rorg.errors import EngineError, Invalid, RorgError, Unreachable
-from rorg.host.clock import process_start
+from rorg.host.clock import run_start
 from rorg.model.units import nano_stamp, parse_time
 
 HELD = 1000
@@ -158,11 +158,7 @@ def _of_one(engine: Engine, name: str, container: Container | None, asked: Asked
 def _began(container: Container) -> float:
     """When its current, or last, run began, in seconds since the epoch. The engine notes the start only after the first
     output of the program; a process that runs on this machine knows better."""
-    noted = parse_time(container.started_at) if container.started_at else 0.0
-    try:
-        return min(noted, process_start(container.pid)) if container.pid else noted
-    except (OSError, IndexError, ValueError):
-        return noted
+    return run_start(container.pid, parse_time(container.started_at) if container.started_at else 0.0)
 
 
 def _before(end: float, tail: int | None, lines: Iterable[LogLine]) -> Iterable[LogLine]:

@@ -113,7 +113,8 @@ def head_stamp(git: Path | None) -> tuple[tuple[int, int], ...]:
 def checkout_under_way(git: Path | None) -> bool:
     """Whether git is writing a work tree (checkout, merge, revert, reset): it holds index.lock meanwhile."""
     try:
-        return git is not None and time.time() - (git / "index.lock").stat().st_mtime < STALE
+        # A lock from the future is no younger: the clock was set back since, and git may have been killed long ago.
+        return git is not None and abs(time.time() - (git / "index.lock").stat().st_mtime) < STALE
     except OSError:
         return False
 

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import ipaddress
 import os
-import time
 from dataclasses import replace
 from urllib.parse import urlsplit
 
 from rorg.host.bounded_http import answer, connect
-from rorg.host.clock import process_start
-from rorg.host.container_root import modified
 from rorg.host.deadline import Deadline
 from rorg.model.probe import Probe
 from rorg.probes import ros_master
@@ -39,23 +36,16 @@ def ask_host(probe: Probe) -> Answer:
     if probe.kind in ("tcp", "http"):
         return ask_socket(probe)
     if probe.kind == "file":
-        return ask_file(probe, "interlock")
+        return ask_file(probe)
     return ros_master.probe(probe.kind, str(probe.target), probe.graph)
 
 
-def ask_file(probe: Probe, role: str, pid: int = 0, isolated: bool = False) -> Answer:
-    """`pid` is the first process of the container, 0 if there is none. Its file system is used if the engine isolates
-    containers (`isolated`)."""
-    path = str(probe.target)
+def ask_file(probe: Probe) -> Answer:
+    """Return whether a file of this machine exists."""
     try:
-        written = modified(f"/proc/{pid}/root", path) if pid and isolated else os.stat(path).st_mtime
+        os.stat(str(probe.target))
     except OSError as error:
-        return no(f"file {path}: {error.strerror}")
-    if role == "ready" and pid and written < process_start(pid) - 0.05:
-        return no(f"file {path} is older than this run")
-    age = time.time() - written
-    if role == "live" and age > probe.interval:
-        return no(f"file {path} was last modified {age:.0f} s ago")
+        return no(f"file {probe.target}: {error.strerror}")
     return YES
 
 

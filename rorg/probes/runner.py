@@ -12,13 +12,15 @@ from rorg.core.ros_parameters import ROLE
 from rorg.core.schedule import Target
 from rorg.engines.protocol import Inspection
 from rorg.errors import RorgError
+from rorg.host.clock import run_age
 from rorg.manifest.patterns import compiled
 from rorg.model.engines import Capabilities
 from rorg.model.probe import Probe
 from rorg.model.ros import domain_of
 from rorg.model.units import parse_time
 from rorg.probes.answer import YES, Answer, cannot_ask, no
-from rorg.probes.ask import ask_file, ask_host, asks_this_machine, at
+from rorg.probes.ask import ask_host, asks_this_machine, at
+from rorg.probes.files import FileProbes
 from rorg.probes.ros2_exchange import Ros2Exchange
 from rorg.probes.ros_parameters import ensure
 
@@ -54,6 +56,7 @@ class ProbeRunner:
         name of the graph, their names. `ros2` asks the ROS 2 graph."""
         self.engine, self.container_of, self.told, self.ros2 = engine, container_of, told, ros2
         self.stopping = stopping or threading.Event()
+        self._files = FileProbes()
         self._read: dict[tuple[str, str, int], tuple[tuple[str, str], str | None]] = {}
         """(service, role, question) -> (incarnation, pattern), and the place in its log; None once a line matched."""
 
@@ -86,7 +89,7 @@ class ProbeRunner:
             case "log":
                 return self._log(key, probe, container)
             case "file":
-                return self._file(key[1], probe, container)
+                return self._file(key, probe, container)
         if not self.engine.local and asks_this_machine(probe):
             if not container.address or probe.kind not in ("tcp", "http"):
                 return cannot_ask(f"{ELSEWHERE}, and {probe} names no host")
@@ -98,8 +101,8 @@ class ProbeRunner:
         if self.ros2 is None:
             return cannot_ask(NO_LOOP)
         words = probe.target if isinstance(probe.target, tuple) else (str(probe.target),)
-        age = max(0.0, time.time() - parse_time(container.started_at)) if container.started_at else 0.0
-        return self.ros2.ask(domain, probe.kind, words, run_age=age)
+        noted = parse_time(container.started_at) if container.started_at else time.time()
+        return self.ros2.ask(domain, probe.kind, words, run_age=run_age(container.pid, noted))
 
     def _ros2_parameters(self, domain: int, service: str, target: Target) -> Answer:
         """Set parameters at running nodes; those that start read them from their file."""
@@ -139,13 +142,13 @@ class ProbeRunner:
             else no(f"the engine says {inspection.health or 'nothing about its health'}")
         )
 
-    def _file(self, role: str, probe: Probe, container: Container) -> Answer:
+    def _file(self, key: tuple[str, str, int], probe: Probe, container: Container) -> Answer:
         isolated = self.engine.capabilities.isolation
         if not self.engine.local:
             return cannot_ask(ELSEWHERE)
         if isolated and not container.pid:
             return cannot_ask("the engine does not say which process it is")
-        return ask_file(probe, role, container.pid, isolated)
+        return self._files.ask(key, probe, container.pid, isolated, container.started_at)
 
     def _log(self, key: tuple[str, str, int], probe: Probe, container: Container) -> Answer:
         """One matching line is enough for a whole run."""

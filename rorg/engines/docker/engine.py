@@ -39,6 +39,8 @@ QUICK = 2.0
 """Seconds for one inspection within a full list."""
 QUIET = ("exec_", "health_status", "attach", "top", "resize", "copy", "export")
 """Beginnings of events that change nothing that rorg looks at."""
+CLOCK_SET = 1.0
+"""Seconds by which the clock has been set if it differs by more from the monotonic one; slewing is slower."""
 LAG = 5.0
 """Seconds by which events are late at most."""
 
@@ -54,6 +56,8 @@ class DockerEngine(Inside, Images):
         self.labels = {LABEL_STATE: state} if state else {}
         self.capabilities = ENGINES[self.name]
         """All until the engine has answered; then those of its release."""
+        self._clock_ahead = 0.0
+        """Seconds by which the clock was ahead of the monotonic one at the last list."""
         self.address = self.client.host
         self.local = self.client.host.startswith(("unix://", "http+unix://"))
 
@@ -85,14 +89,18 @@ class DockerEngine(Inside, Images):
         filters = {"label": [f"{LABEL_OWNER}={self.owner}"]}
         with docker_errors("list containers"):
             asks_events = known and self.local and not self.client.release.podman  # Podman tells no past ones
-            heard = self._heard_lately() if asks_events else set(known)
+            heard = self._heard_lately(known) if asks_events else set(known)
             rows = self.client.get("/containers/json", all=True, filters=filters)
             looked = (_as_before(known, row, heard) or self._look(row) for row in rows)
             return [c for c in looked if c is not None]
 
-    def _heard_lately(self) -> set[str]:
-        """Ids of containers whose events may not have arrived at the observer yet, by the clock of this machine."""
+    def _heard_lately(self, known: Collection[str]) -> set[str]:
+        """Ids of containers whose events may not have arrived at the observer yet, by the clock of this machine; of all
+        that are `known` if it was set since the last list."""
         now, ids = time.time(), set()
+        before, self._clock_ahead = self._clock_ahead, now - time.monotonic()
+        if abs(self._clock_ahead - before) > CLOCK_SET:
+            return {*known}
         filters = {"type": ["container"], "label": [f"{LABEL_OWNER}={self.owner}"]}
         with self.client.stream("GET", "/events", None, QUICK, filters=filters, since=now - LAG, until=now) as stream:
             for line in stream.lines(MOST_ANSWER):
