@@ -42,10 +42,10 @@ remotes = st.fixed_dictionaries(
 )
 reports = st.fixed_dictionaries(
     {
-        "incarnation": numbers,
+        "incarnation": st.just(7) | numbers,
         "version": numbers,
         "heard": stamps,
-        "services": st.dictionaries(names, remotes, max_size=4),
+        "services": st.dictionaries(st.sampled_from(["camera", "bridge"]) | names, remotes, min_size=1, max_size=4),
     }
 )
 requests = st.fixed_dictionaries(
@@ -63,10 +63,9 @@ renewals = st.fixed_dictionaries(
     },
 ).map(lambda said: {**said, "duration": 10.0})
 answers = st.fixed_dictionaries(
-    {"incarnation": numbers, "newest": st.none() | stamps},
+    {"incarnation": st.just(7) | numbers, "newest": st.none() | stamps, "report": reports | st.none()},
     optional={
         **{"released": st.lists(names, max_size=3), "kept": st.dictionaries(names, texts, max_size=3)},
-        "report": st.none() | reports,
     },
 )
 
