@@ -194,6 +194,8 @@ def memory_of(case: dict, containers: list[Container], editions: Mapping[str, st
             known = {**known, "stopped": tuple(known["stopped"])}
         tried = {verb: Attempt(**attempt) for verb, attempt in known.get("attempts", {}).items()}
         known = {**known, "attempts": tried} if tried else known
+        if "removals" in known:
+            known = {**known, "removals": {id: Attempt(**tried) for id, tried in known["removals"].items()}}
         if "counted_on" in known:
             known = {**known, "counted_on": CountedOn(**known["counted_on"])}
         progress[name] = replace(progress.get(name, Progress()), **known)

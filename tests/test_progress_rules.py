@@ -189,7 +189,7 @@ def test_shared_memory_is_unused_if_no_participant_and_nothing_unknown_runs():
         ("begins", "start resume activate"),
         ("ends", "deactivate pause stop remove"),
         ("idles", "deactivate pause stop"),
-        ("optional", "update rename signal"),
+        ("optional", "update rename signal remove"),
         ("brings_up", "create rename start resume activate"),
         ("of_nodes", "activate deactivate"),
     ],
@@ -235,7 +235,7 @@ def exclusive(wanted: str, capacity: int = 1, seen: str = "running", left: int =
     ],
 )
 def test_unwanted_holders_let_go_of_a_resource_first(robot, holders):
-    assert robot.holders(robot.desired.catalog.services["a"], "gpu") == holders
+    assert robot.holders(robot.desired.catalog.services["a"], "gpu", lambda name: False) == holders
 
 
 @pytest.mark.parametrize(

@@ -200,12 +200,13 @@ def test_a_container_is_made_ahead_unless_idling_ends_with_its_removal(idle, mad
 
 def test_a_container_that_can_never_start_again_is_made_anew():
     dead = plan(seen=(box(state="dead"),), known={"base": Progress(stopped=(RUN,))})
-    first = dead.actions[0]
-    assert (first.verb, first.reason) == ("remove", "the engine calls it dead")
+    assert [a.verb for a in dead.actions[:2]] == ["create", "remove"]
+    assert {a.reason for a in dead.actions[:2]} == {"the engine calls it dead"}
     tried = Attempt(signature=("base", "", ""), spent=True)
     spent = plan(seen=(box(state="exited"),), known={"base": Progress(stopped=(RUN,), attempts={"start": tried})})
-    first = spent.actions[0]
-    assert (first.verb, first.reason, first.surplus) == ("remove", "the engine cannot start it any more", True)
+    first, second = spent.actions[:2]
+    assert (first.verb, first.reason) == ("create", "the engine cannot start it any more")
+    assert (second.verb, second.container, second.surplus) == ("remove", "base", True)
 
 
 def test_a_task_that_ended_runs_again_only_by_a_restart():

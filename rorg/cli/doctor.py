@@ -17,7 +17,7 @@ from rorg.cli.options import Output, RobotEngine
 from rorg.cli.output import print_rows
 from rorg.cli.places import NAME, may_connect
 from rorg.errors import Exit, Refused, RorgError, Unreachable
-from rorg.model.codes import VANISHED
+from rorg.model.codes import REMOVAL, VANISHED
 from rorg.model.engines import SWARM, capabilities_of
 from rorg.model.units import counted
 
@@ -66,6 +66,7 @@ def _facts(context: Context) -> Installation:
         pressure=os.path.exists("/proc/pressure/cpu"),
         state_dir=str(state.path),
         state_error=host.writable(state.path) if readable else f"you may not read {state.path}",
+        unremoved=_unremoved(context),
         journal_error=fault(state.journal) if readable else "",
         journal_damaged=tuple(map(str, damaged_files(state.path))) if readable else (),
         git_version=host.git_version(),
@@ -75,6 +76,12 @@ def _facts(context: Context) -> Installation:
         open_files=host.open_files(),
         sysctls=machine.sysctls,
     )
+
+
+def _unremoved(context: Context) -> tuple[str, ...]:
+    """Containers that the engine does not remove, by the plan of the running rorg."""
+    waitings = ((context.last() or {}).get("plan") or {}).get("waitings", ()) if context.state.owner() else ()
+    return tuple(f"{w['service']}: {w['reason']}" for w in waitings if w["code"] == REMOVAL)
 
 
 def _targets(context: Context) -> Iterator[Check]:

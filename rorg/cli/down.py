@@ -14,6 +14,7 @@ from rorg.cli.interlocks import Interlocks, locked
 from rorg.cli.options import Option, RobotEngine, Timeout, Yes
 from rorg.cli.output import consent, note, table
 from rorg.cli.terminal import entry
+from rorg.core.operations import ID
 from rorg.errors import Invalid, NotReady, RorgError, Unreachable
 from rorg.model.codes import INTERLOCK
 from rorg.model.engines import capabilities_of
@@ -54,6 +55,9 @@ def command(
         client.call("PUT", "/v1/down", {"keep_requests": keep_requests} | more)
         _until_gone(context, timeout)
     note("the robot is down")
+    server = not context.remote and capabilities_of(context.engine_name).server
+    for container in context.engine().list() if server else ():
+        note(f"the engine does not remove {container.id[:ID]} of {container.service}; it is {container.state}")
     if others:
         note(f"dev containers remain: {', '.join(others)}; `rorg dev --stop` removes them")
 

@@ -26,7 +26,8 @@ class Condition:
     - Ready, Requested, Reconciling, Stalled: always present;
     - Updated, if a change failed (False: quarantined) or is on trial (Unknown: OnTrial until it has come up, then
       Baking);
-    - Pausable, NodesUnique and RunsOnce, only if they are False.
+    - Pausable, NodesUnique and RunsOnce, only if they are False;
+    - Cleared, only if it is False: the engine does not remove a container that is over.
 
     `status` is True, False or Unknown.
     """
@@ -49,9 +50,11 @@ def reconciling(actions: Sequence[Action], waiting: str) -> Condition:
     return Condition("Reconciling", str(bool(actions)), verb, waiting)
 
 
-def occasional(situation: Situation, service: Service) -> tuple[Condition, ...]:
-    """Return the conditions that are present only if they have something to report."""
-    return (*_updated(situation, service.name), *_ros_conditions(situation, service), *runs_once(situation, service))
+def occasional(situation: Situation, service: Service, not_removed: str) -> tuple[Condition, ...]:
+    """Return the conditions that are present only if they have something to report. `not_removed` says which container
+    the engine does not remove; "" if there is none."""
+    found = *_updated(situation, service.name), *_ros_conditions(situation, service), *runs_once(situation, service)
+    return (*found, Condition("Cleared", "False", "NotRemoved", not_removed)) if not_removed else found
 
 
 def runs_once(situation: Situation, service: Service) -> tuple[Condition, ...]:

@@ -68,8 +68,7 @@ def desire(
 ) -> Desired:
     """Derive the desired state of a catalog. `run` is the directory of rorg's sockets. `images` maps an Image of the
     tree to the reference that stands for its content, so a container's digest changes with the content of its image.
-    `contents` has the digests of the files that each service mounts from the tree, unless it reads them when it
-    likes."""
+    `contents` has the digests of the files that services mount from the tree, unless they read them when they like."""
     catalog = _from_sources(_located(catalog, run), images or {}, contents or {})
     contents = contents or {}
     services, nobody = catalog.services, dict.fromkeys(catalog.services, tuple[str, ...]())

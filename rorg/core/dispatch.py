@@ -11,7 +11,7 @@ from rorg.core.changes import updated
 from rorg.core.digest import canonical
 from rorg.core.memory import STALLED_AFTER, Attempt, InFlight, Memory, Progress, delay
 from rorg.core.observed import Container, Observed
-from rorg.core.operations import Signal, Start, Stop
+from rorg.core.operations import Remove, Signal, Start, Stop
 from rorg.core.plan import Action
 from rorg.core.rollout import refused
 
@@ -90,9 +90,11 @@ def forget(memory: Memory, names: Iterable[str], busy: Collection[str]) -> Memor
     """Forget failed attempts of services for which nothing is left to do. `busy` are those of `names` with work
     left."""
     done = {
-        name: replace(progress, attempts={}, error=progress.error if progress.exits else "")
+        name: replace(progress, attempts={}, removals={}, error=progress.error if progress.exits else "")
         for name in names
-        if (progress := memory.of(name)).attempts and name not in busy and name not in memory.in_flight
+        if ((progress := memory.of(name)).attempts or progress.removals)
+        and name not in busy
+        and name not in memory.in_flight
     }
     return replace(memory, progress=updated(memory.progress, done)) if done else memory
 
@@ -114,6 +116,9 @@ def _begun(progress: Progress, action: Action, containers: Sequence[Container]) 
     before = progress.attempt(operation) or Attempt()
     count = before.count + 1 if signature == before.signature else 1
     progress = progress.attempting(operation, replace(before, signature=signature, count=count))
+    if progress.removals:
+        there = {c.id for c in containers}
+        progress = replace(progress, removals={id: tried for id, tried in progress.removals.items() if id in there})
     if isinstance(operation, Start):
         progress = replace(
             progress, begun=operation.counts_on, update=replace(progress.update, begun=operation.content)
@@ -141,7 +146,8 @@ def _finished(progress: Progress, outcome: Outcome, now: float) -> Progress:
     if error or attempt.count >= STALLED_AFTER:
         attempt = replace(attempt, at=now + delay(attempt.count + 1), error=error)
         attempt = replace(attempt, missing=outcome.missing, spent=outcome.spent, unsupported=outcome.unsupported)
-        progress = replace(progress.attempting(operation, attempt), error=error)
+        progress = progress.attempting(operation, attempt)
+        progress = progress if isinstance(operation, Remove) else replace(progress, error=error)
     elif attempt.error and not progress.exits:
         attempt = replace(attempt, at=0.0, error="", missing=False, spent=False, unsupported=False)
         progress = progress.attempting(operation, attempt)

@@ -100,6 +100,11 @@ def _server(host: Installation) -> Iterator[Check]:
         yield Check("rorg", WARNING, "no rorg runs here", "`rorg run`, or `systemctl start rorg`")
 
 
+def _removals(host: Installation) -> Iterator[Check]:
+    for text in host.unremoved:
+        yield Check("removal", WARNING, text, "the engine's log for what holds it, then a restart of the engine")
+
+
 def _git(host: Installation) -> Iterator[Check]:
     if not host.git_version:
         yield Check("git", WARNING, "git is not installed: no revisions and no way back", "install git")
@@ -156,6 +161,7 @@ _CHECKS: tuple[Callable[[Installation], Iterator[Check]], ...] = (
     _kernel,
     _state,
     _server,
+    _removals,
     _git,
     _clock,
     _disks,

@@ -7,14 +7,14 @@ from collections.abc import Collection
 
 from rorg.core.deferred import held_back
 from rorg.core.joining import awaited, ended, is_cut_off, joined_to
-from rorg.core.operations import Create, Operation, Remove, Rename, Start, Stop
+from rorg.core.operations import ID, Create, Operation, Remove, Rename, Start, Stop
 from rorg.core.plan import Part, Reason, Timed, Waiting, prefixed
 from rorg.core.room import FREE, Passage, room
 from rorg.core.ros_parameters import due
 from rorg.core.situation import View
 from rorg.core.steps import Step
 from rorg.model.catalog import Service
-from rorg.model.codes import DEVICE, INTERLOCK, PARAMETERS, ROOM
+from rorg.model.codes import DEVICE, INTERLOCK, PARAMETERS, REMOVAL, ROOM
 from rorg.model.joining import ends_with
 from rorg.model.units import format_seconds
 
@@ -58,6 +58,11 @@ def _joined(view: View, service: Service, step: Step) -> Passage:
     return tuple(u for u in users if view.has_actions(u)), None
 
 
+def not_removed(name: str, container: str, why: Reason, at: float | None = None) -> Waiting:
+    """Return what is shown while the engine does not remove a container. Nothing else waits for that."""
+    return Waiting(name, prefixed(f"the engine does not remove its container {container[:ID]}: ", why), at, REMOVAL)
+
+
 def _resume(view: View, service: Service, step: Step) -> Passage:
     """A stop that resumes a paused container needs room for the end of its run."""
     if not (isinstance(step.operation, Stop) and step.operation.resumes):
@@ -82,11 +87,8 @@ def _gate(view: View, service: Service, step: Step) -> Passage:
     if written:
         # It would read what rorg has not read yet, and be restarted for that under its requester.
         return (), Waiting(name, f"{', '.join(sorted(written))} is being written")
-    tried = memory.attempt(operation)
-    if tried and tried.at and not view.has_come(tried.at):
-        word = "stalled" if memory.stalled else "failed"
-        reason = Timed(f"{operation.verb} {word}: {tried.error or 'no effect'}; again in ", tried.at)
-        return (), Waiting(name, reason, tried.at, "failed")
+    if waiting := _back_off(view, name, operation):
+        return (), waiting
     swap = step.part_of is Part.REPLACE and isinstance(operation, (Stop, Rename))
     locked = view.s.interlocks.get(name, "") if swap or operation.felt else ""
     if locked:
@@ -107,6 +109,20 @@ def _gate(view: View, service: Service, step: Step) -> Passage:
     if operation.ends and name not in view.s.wanted:
         return _cease(view, service)
     return FREE
+
+
+def _back_off(view: View, name: str, operation: Operation) -> Waiting | None:
+    """Return what an operation that failed waits for before it is tried again; None if it may be."""
+    memory = view.s.memory.of(name)
+    tried = memory.attempt(operation)
+    if tried is None or not tried.at or view.has_come(tried.at):
+        return None
+    if isinstance(operation, Remove):
+        why = Timed(f"{tried.error or 'no effect'}; again in ", tried.at)
+        return not_removed(name, operation.container, why, tried.at)
+    word = "stalled" if memory.stalled else "failed"
+    reason = Timed(f"{operation.verb} {word}: {tried.error or 'no effect'}; again in ", tried.at)
+    return Waiting(name, reason, tried.at, "failed")
 
 
 def _ends_anyway(view: View, service: Service) -> bool:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 from rorg.core.admission import Admitted
 from rorg.core.observed import Container
-from rorg.core.operations import Operation, Start
+from rorg.core.operations import Operation, Remove, Start
 from rorg.core.plan import Action
 from rorg.core.prediction import PredictionState
 from rorg.core.pressure import NONE as CALM
@@ -153,6 +153,8 @@ class Progress:
     """Unexpected ends since the service was declared, including hung runs."""
     attempts: Mapping[str, Attempt] = field(default_factory=dict)
     """By verb. A failure of one operation does not hold back the others."""
+    removals: Mapping[str, Attempt] = field(default_factory=dict)
+    """The same of removals, by container. The service does not depend on these."""
     error: str = ""
     parameters: str = ""
     """For which runs and values its ROS parameters were last set (see ros_parameters.py)."""
@@ -176,6 +178,12 @@ class Progress:
         tried = self.attempt(Start)
         return tried is not None and tried.spent and tried.signature[:1] == (container.id,)
 
+    def useless(self, container: Container) -> str:
+        """Return why the engine can do nothing more with a container; "" if it can."""
+        if container.lost:
+            return "the engine is removing it" if container.state == "removing" else "the engine calls it dead"
+        return "the engine cannot start it any more" if self.spent(container) else ""
+
     def over(self, service: Service, container: Container) -> bool:
         """Return whether it ended on its own while wanted and its restart policy does not restart it."""
         return (
@@ -185,11 +193,15 @@ class Progress:
         )
 
     def attempt(self, operation: Operation | type[Operation]) -> Attempt | None:
-        """Return the last attempt of this kind of operation, if any."""
+        """Return the last attempt of this kind of operation, if any; for a removal, that of the same container."""
+        if isinstance(operation, Remove):
+            return self.removals.get(operation.container)
         return self.attempts.get(operation.verb)
 
     def attempting(self, operation: Operation | type[Operation], attempt: Attempt) -> Progress:
         """Note an attempt."""
+        if isinstance(operation, Remove):
+            return replace(self, removals={**self.removals, operation.container: attempt})
         return replace(self, attempts={**self.attempts, operation.verb: attempt})
 
     def start_after(self, at: float, error: str) -> Progress:

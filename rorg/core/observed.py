@@ -125,6 +125,11 @@ class Container:
         return self.exit_code in (137, 143) and not self.oom_killed
 
     @property
+    def lost(self) -> bool:
+        """Whether nothing can be done with it any more: the engine removes it, or could not remove it whole."""
+        return self.state in ("removing", "dead")
+
+    @property
     def active(self) -> bool:
         """Whether it uses the CPU, or may at any moment."""
         return self.state in ("running", "restarting")
@@ -179,8 +184,8 @@ class Observed:
     )
 
     def by_service(self) -> dict[str, list[Container]]:
-        """Return the containers of each service, alive ones first, then the last started one. Containers whose label
-        names no service are left out. The result is cached, because a pass asks often."""
+        """Return the containers of each service: alive ones first, then the last started, and lost ones last.
+        Containers whose label names no service are left out. The result is cached, because a pass asks often."""
         if self._by_service is None:
             object.__setattr__(self, "_by_service", _sorted(self.containers))
         return self._by_service  # type: ignore[return-value]
@@ -245,7 +250,7 @@ def _last_started_first(containers: list[Container]) -> list[Container]:
 
     return sorted(
         containers,
-        key=lambda c: (c.alive, c.started_at != "", c.start_number, generation(c), c.started_at, c.id),
+        key=lambda c: (c.alive, not c.lost, c.started_at != "", c.start_number, generation(c), c.started_at, c.id),
         reverse=True,
     )
 

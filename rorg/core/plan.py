@@ -8,7 +8,7 @@ from enum import StrEnum
 from math import ceil, inf
 from typing import Any
 
-from rorg.core.operations import OPERATIONS, Operation, Stop
+from rorg.core.operations import OPERATIONS, Create, Operation, Rename, Stop
 from rorg.model.codes import BAKING, IMAGE, PARAMETERS
 from rorg.model.units import format_seconds
 
@@ -66,6 +66,13 @@ class Action:
     def runs(self) -> bool:
         """Whether the program runs because of it, even if only to end."""
         return self.operation.begins or (isinstance(self.operation, Stop) and self.operation.resumes)
+
+    def ends_run(self, run: str) -> bool:
+        """Return whether a run does not survive this action. A replacement ends it with its first call, because nothing
+        else is planned while a call is under way."""
+        if self.part_of is Part.REPLACE and isinstance(self.operation, (Create, Rename)):
+            return True
+        return self.operation.ends and self.container[:12] == run.partition("@")[0]
 
     @property
     def why(self) -> str:
@@ -144,6 +151,7 @@ class Waiting:
     - withheld: its removal needs a person's confirmation;
     - deferred: it is left for later;
     - room: a service that excludes it runs;
+    - removal: the engine does not remove a container that is over, which nothing depends on;
     - preempted, suspended.
 
     Codes of waitings that only take time:

@@ -11,9 +11,10 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping, Set
 from graphlib import CycleError, TopologicalSorter
 
-from rorg.core.gates import gate, unready
+from rorg.core.gates import gate, not_removed, unready
 from rorg.core.joining import joined_of
 from rorg.core.object_plans import declared_chain, declared_objects, former_chain, former_objects
+from rorg.core.observed import Container
 from rorg.core.operations import CreateObject, Remove, Rename
 from rorg.core.plan import NOTHING, Action, Reason, ServicePlan, Timed, Waiting, prefixed
 from rorg.core.reconcile import chain
@@ -71,6 +72,11 @@ def without_linger(situation: Situation, exclusive: Exclusive) -> frozenset[str]
     return frozenset(names)
 
 
+def _removing(view: View, name: str) -> list[Container]:
+    """Return the containers that the engine is removing."""
+    return [c for c in view.of(name) if c.state == "removing"]
+
+
 class Planner:
     """Plans one situation. `places` is the order of services; plan() fills `plans`."""
 
@@ -109,7 +115,7 @@ class Planner:
         return ServicePlan(
             actions=actions,
             waitings=waitings,
-            notes=tuple(led.notes),
+            notes=(*led.notes, *(not_removed(name, c.id, "it has begun to") for c in _removing(view, name))),
             alarm=led.alarm,
             unready=missing,
             volatile=view.volatile,
@@ -133,8 +139,6 @@ class Planner:
             return declared_chain(view, name)
         if name in self.s.peers.unowned:
             return Chain(waiting=Waiting(name, self.s.peers.unowned[name], code=OWNER))
-        if any(c.state == "removing" for c in view.of(name)):
-            return Chain(waiting=Waiting(name, "the engine is removing its container"))
         return chain(view, service)
 
     def _let_through(
@@ -144,7 +148,7 @@ class Planner:
         optional step that must wait does not stop the chain."""
         actions: list[Action] = []
         waitings: dict[Waiting, None] = {}
-        kept = set[str]()
+        kept = {c.name for c in _removing(view, service.name)}
         """Names of containers whose removal has to wait."""
         for step in steps:
             if isinstance(step.operation, Rename) and step.operation.name in kept:

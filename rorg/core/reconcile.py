@@ -43,7 +43,8 @@ class _Reconciled:
         """Return all steps of a service, from what is observed to what is desired."""
         name, spec = self.name, self.service.options
         pairs = [(c, self.difference(c, spec)) for c in self.view.of(name)]
-        current = next(((c, d) for c, d in pairs if not d.recreate and c.id not in self.moved), None)
+        usable = [(c, d) for c, d in pairs if not self.step.useless(c)]
+        current = next(((c, d) for c, d in usable if not d.recreate and c.id not in self.moved), None)
         stale = [(c, d) for c, d in pairs if current is None or c is not current[0]]
         swap = Swap(self.view, self.service, current and current[0], self.worth(stale), self.changed(stale))
         if swap.stays and swap.old:
@@ -75,7 +76,7 @@ class _Reconciled:
         steps += self.run(current and current[0], steps, self.desired.editions[name] if swap.old else "")
         if swap.under_way:
             self.notes += [swap.note()] if name in self.s.wanted else []
-        elif swap.old or any(diff.recreate or c.id in self.moved for c, diff in stale):
+        elif swap.old or any((d.recreate or c.id in self.moved) and (c, d) in usable for c, d in stale):
             return [replace(s, part_of=Part.REPLACE) for s in steps]
         return restarting(current and current[0], steps)
 
@@ -237,6 +238,8 @@ class _Reconciled:
         return Step(made, self.why_stale(stale) if stale else "no container", self.changed(stale))
 
     def why_stale(self, stale: list[tuple[Container, Difference]]) -> str:
+        if all(self.step.useless(c) and not diff.recreate for c, diff in stale):
+            return self.step.useless(stale[0][0])
         others = [self.moved[c.id] for c, diff in stale if c.id in self.moved and not diff.recreate]
         return f"{others[0]} has another container" if len(others) == len(stale) else "changed"
 
@@ -247,10 +250,10 @@ class _Reconciled:
         """Return the steps that remove containers other than the service's current one."""
         steps: list[Step] = []
         for container, diff in stale:
-            another = diff.recreate or container.id in self.moved
-            reason = self.why_stale([(container, diff)]) if another else "a second container of this service"
+            useless, another = bool(self.step.useless(container)), diff.recreate or container.id in self.moved
+            reason = self.why_stale([(container, diff)]) if useless or another else "a second container of this service"
             way = away(container, reason if keep else "not wanted", self.service, volumes=not keep)
-            steps += [replace(step, surplus=keep and not another) for step in way]
+            steps += [replace(step, surplus=keep and (useless or not another)) for step in way]
         return steps
 
     def wake(self, container: Container | None, steps: list[Step], trial: str) -> list[Step]:
@@ -276,10 +279,6 @@ class _Reconciled:
             return awaken(self.service, container, why)
         if container.active:
             return self.without_device(container)
-        if container.state == "dead":
-            return [Step(Remove(container=container.id), "the engine calls it dead", surplus=True)]
-        if self.step.spent(container):
-            return [Step(Remove(container=container.id), "the engine cannot start it any more", surplus=True)]
         if self.step.over(self.service, container) and self.s.restarts.get(self.name) != container.incarnation:
             return []
         if container.state == "exited" and self.step.exited == container.incarnation and self.step.error:

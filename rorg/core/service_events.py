@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from rorg.core.decide import Decision
 from rorg.core.memory import Progress
 from rorg.core.plan import Action, Part
-from rorg.core.status import ends
 from rorg.core.wanted import chain
 from rorg.model.graph import closure
 
@@ -67,7 +66,7 @@ def _ending(decision: Decision) -> dict[str, Action | None]:
     planned = () if decision.situation.suspended or decision.violations else decision.plan.actions
     under_way = [flight.action for flight in decision.memory.in_flight.values()]
     return restarting | {
-        a.service: a for a in (*planned, *under_way) if ends(a, decision.memory.of(a.service).incarnation)
+        a.service: a for a in (*planned, *under_way) if a.ends_run(decision.memory.of(a.service).incarnation)
     }
 
 

@@ -11,12 +11,12 @@ from rorg.core.conditions import CAUTIONS, Condition, occasional, reconciling, r
 from rorg.core.health import health_of, is_synced, kept_out
 from rorg.core.links import Remote
 from rorg.core.observed import PROCESS_GONE, Container
-from rorg.core.operations import Create, Rename, Stop
-from rorg.core.plan import Action, Part, Plan
+from rorg.core.operations import Stop
+from rorg.core.plan import Action, Plan, printed
 from rorg.core.situation import Situation
 from rorg.core.wanted import Cause, Link, chain
 from rorg.model.catalog import Service
-from rorg.model.codes import IMAGE, NO_IMAGE, VANISHED
+from rorg.model.codes import IMAGE, NO_IMAGE, REMOVAL, VANISHED
 from rorg.model.health import Health
 
 STOPPING = "stopping"
@@ -84,8 +84,8 @@ class Status:
 
     @property
     def trouble(self) -> str:
-        """What keeps it from being as wanted: probe failure, exit, failed action and its next attempt; "" if nothing
-        does."""
+        """What keeps it from being as wanted: probe failure, exit, failed action and its next attempt; otherwise a
+        container that the engine does not remove; "" if there is nothing."""
         failed, ready = self.update_failed, self.condition("Ready")
         if ready.reason == SILENT:  # shown once for all services
             return ""
@@ -93,7 +93,7 @@ class Status:
             return f"its change failed: {failed}"
         well = ready.status == "True" and self.health not in (Health.PROGRESSING, Health.DEGRADED)
         if well or not (self.wanted or self.health.kept_out):
-            return ""
+            return self.condition("Cleared").message
         return self.condition("Reconciling").message or ready.message
 
     def as_json(self) -> dict[str, Any]:
@@ -147,7 +147,8 @@ class _Assessed:
 
     def __init__(self, situation: Situation, plan: Plan, holds: Mapping[str, str]) -> None:
         self.s, self.holds = situation, holds
-        self.waiting = {name: reasons[-1] for name, reasons in plan.reasons().items()}
+        self.not_removed = {name: reasons[-1] for name, reasons in plan.reasons(REMOVAL).items()}
+        self.waiting = {w.service: printed(w.reason, plan.now) for w in plan.waitings if w.code != REMOVAL}
         self.images = {w.service: w.code for w in plan.waitings if w.code in (IMAGE, NO_IMAGE)}
         """Services that wait for an image, with the code."""
         self.actions: dict[str, list[Action]] = {}
@@ -172,7 +173,7 @@ class _Assessed:
             requested(links),
             reconciling(self.actions.get(name, ()), waiting),
             Condition("Stalled", str(progress.stalled), stalled(progress), progress.error),
-            *occasional(self.s, service),
+            *occasional(self.s, service, self.not_removed.get(name, "")),
         )
         status = Status(
             name,
@@ -239,7 +240,7 @@ class _Assessed:
         if self.s.suspended:  # then only a call under way goes on
             actions = actions[: name in self.s.memory.in_flight]
         for action in actions:
-            if current is not None and ends(action, current.incarnation):
+            if current is not None and action.ends_run(current.incarnation):
                 return f"{action.verb}: {action.reason}"
         asked = self.s.restarts.get(name)
         return "restart requested" if current is not None and asked == current.incarnation else ""
@@ -292,11 +293,3 @@ def ros_nodes(service: Service) -> tuple[str, ...]:
     asked = service.ready.questions if service.ready else ()
     ready = [str(probe.target) for probe in asked if probe.kind == "ros_node"]
     return tuple(dict.fromkeys([*ready, *service.managed, *service.labels.get("ros_nodes", "").split()]))
-
-
-def ends(action: Action, run: str) -> bool:
-    """Return whether the current run does not survive this action. A replacement ends it with its first call, because
-    nothing else is planned while a call is under way."""
-    if action.part_of is Part.REPLACE and isinstance(action.operation, (Create, Rename)):
-        return True
-    return action.operation.ends and action.container[:12] == run.partition("@")[0]

@@ -68,7 +68,7 @@ class Swap:
     def worthy(self, container: Container) -> bool:
         """Return whether it is worth going back to: it ran and did not end on its own. If no new container can be
         created, any container that ran will do."""
-        if not container.started_at or container.state in ("dead", "removing"):
+        if not container.started_at or self.step.useless(container):
             return False
         if self.stays:
             return True

@@ -7,6 +7,8 @@ from dataclasses import replace
 from rorg.core.decide import Decision
 from rorg.core.desired import Desired, teardown
 from rorg.core.inputs import Inputs
+from rorg.core.memory import STALLED_AFTER
+from rorg.core.observed import Container
 from rorg.model.objects import is_object
 from rorg.store.requests_document import RequestsDocument
 
@@ -38,4 +40,12 @@ def is_down(document: RequestsDocument, decision: Decision | None) -> bool:
     observed = decision.situation.observed
     # A network whose removal was refused stays, because others use it; so does a container that names no service.
     going = any(is_object(action.service) for action in decision.plan.actions)
-    return observed.complete and not (observed.by_service() or decision.memory.in_flight or going)
+    left = any(not _stays(decision, c) for cs in observed.by_service().values() for c in cs)
+    return observed.complete and not (left or decision.memory.in_flight or going)
+
+
+def _stays(decision: Decision, container: Container) -> bool:
+    """Return whether the engine does not remove a container, although it does not run."""
+    tried = decision.memory.of(container.service).removals.get(container.id)
+    failed = tried is not None and bool(tried.error) and tried.count >= STALLED_AFTER
+    return not container.alive and (container.state == "removing" or failed)

@@ -48,6 +48,8 @@ class Installation:
     """Why the running rorg does not answer this user."""
     answers: bool = False
     """The running rorg answers at its socket."""
+    unremoved: tuple[str, ...] = ()
+    """What the engine does not remove, as the running rorg reports it: the service with the reason."""
     journal_error: str = ""
     """A problem with the journal; empty if there is none."""
     journal_damaged: tuple[str, ...] = ()

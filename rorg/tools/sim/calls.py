@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, MutableMapping
+from dataclasses import dataclass, field, replace
+
+from rorg.core.observed import Container
+from rorg.errors import EngineError
 
 LATENCY: Mapping[str, float] = {
     "create": 0.014,
@@ -33,9 +36,17 @@ class Faults:
     """Messages of the next failures, each used once."""
     spent: set[str] = field(default_factory=set)
     """Containers that cannot be started again."""
+    unremovable: dict[str, str] = field(default_factory=dict)
+    """Container that the engine cannot remove -> the state in which that leaves it: `removing` or `dead`."""
     crash_after: dict[str, float] = field(default_factory=dict)
     """Service -> seconds after each start until it exits."""
     exit_code: int = 1
     bad: dict[str, str] = field(default_factory=dict)
     """Digest -> how its containers fail: they refuse to `start`, or `exit` soon after the start."""
     unreachable: bool = False
+
+    def keep(self, containers: MutableMapping[str, Container], container: str) -> None:
+        """Refuse to remove a container that cannot be removed. Raises EngineError."""
+        if state := self.unremovable.get(container):
+            containers[container] = replace(containers[container], state=state)
+            raise EngineError(f"remove {container[:12]}", "device or resource busy")

@@ -209,9 +209,9 @@ class SimEngine:
         self._change("signal", container, ("running",))
 
     def remove(self, container: str, volumes: bool = False) -> None:
+        self.faults.keep(self.containers, container)
         self._change("remove", container, ("created", "exited", "dead"))
         del self.containers[container]
-        self._output.pop(container, None)
 
     def rename(self, container: str, name: str) -> None:
         self._check_name(f"rename {container[:12]}", name, container)
