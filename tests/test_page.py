@@ -134,6 +134,21 @@ def test_a_restart_names_who_is_affected_and_asks_again(robot, watched):
     wait_for(lambda: robot.client().service("localization")["incarnation"] not in ("", run), 20, "the restart")
 
 
+def test_a_hold_says_that_it_stops_the_service_and_asks_again_for_a_driver(robot, watched):
+    node(watched, "arm", "ready")
+    watched.view("now/arm")
+    watched.page.click(".drawer button:text-is('Hold')")
+    watched.page.wait_for_selector("dialog p:has-text('Stops or pauses arm, as its idle policy says')")
+    watched.page.click("dialog button.primary")
+    watched.page.wait_for_selector("dialog button.primary:has-text('Hold all the same')")
+    assert robot.client().service("arm")["state"] == "running", "it is a driver"
+    assert _again(watched)
+    node(watched, "arm", "kept out")
+    watched.page.wait_for_selector(".drawer .chain li:has-text('arm (always on)')")
+    watched.page.wait_for_selector(".drawer li:has-text('rorg hold arm --end')")
+    assert robot.client().service("arm")["health"] == "Waiting"
+
+
 def _again(watched: Watched) -> bool:
     again = watched.page.locator("dialog button.primary:has-text('all the same')")
     if again.count():
