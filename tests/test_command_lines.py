@@ -180,7 +180,8 @@ def held(line: str, code: int, told: tuple[int, str, str]) -> list[str]:
     checks = {
         f"exit code {got}, not {code}": got == code,
         "a traceback": "Traceback" not in err + out and "internal error" not in err,
-        "no cause and remedy": not code or re.search(rf"(?s)^rorg: cannot [^\n]*: .*; (try|{DO}) ", err, re.MULTILINE),
+        "no cause and remedy": not code
+        or re.search(rf"(?s)^rorg: cannot [^\n]*: .*(; |\n)(try|{DO}) ", err, re.MULTILINE),
         "several lines": not code or long or len(err.splitlines()) == 1,
         "data where there is an error": code in (0, 4) or not out,
         "a control character": (err + out).replace("\n", "").isprintable(),
