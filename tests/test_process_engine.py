@@ -247,7 +247,7 @@ def lives(pid: int) -> bool:
     return _state(pid) not in "ZX"
 
 
-def test_nothing_is_left_of_a_run_that_was_stopped(engine):
+def test_a_stop_ends_all_processes_of_a_run(engine):
     container, left = leave(engine, "stay")
     assert all(lives(p) for p in left)
     began = time.monotonic()
@@ -257,7 +257,7 @@ def test_nothing_is_left_of_a_run_that_was_stopped(engine):
     assert engine.inspect(container).state == "exited"
 
 
-def test_nothing_is_left_of_a_run_that_crashed_and_it_ends_only_then(engine):
+def test_a_crash_ends_all_processes_of_a_run_before_it_counts_as_exited(engine):
     container, left = leave(engine, "crash")
     wait_for(lambda: engine.inspect(container).state == "exited")
     assert not [p for p in left if lives(p)]
@@ -307,7 +307,7 @@ def test_the_processes_of_a_killed_leader_end_at_once_or_before_the_next_run(eng
         stop.set()
 
 
-def test_what_a_launcher_leaves_in_its_group_keeps_its_grace(engine):
+def test_the_children_of_a_launcher_keep_the_grace_period(engine):
     slow = "trap 'read line < go; echo finished; exit' INT; echo ready; while :; do sleep 0.1; done"
     folder = engine.records.directory
     os.mkfifo(folder / "go")

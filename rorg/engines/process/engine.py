@@ -25,7 +25,7 @@ from rorg.engines.process.events import Changes
 from rorg.engines.process.launch import folder_of, hear_signals, launch, run_attached, run_beside
 from rorg.engines.process.log import follow_lines, read_lines, read_log_from, trim_log
 from rorg.engines.process.records import Record, Records
-from rorg.engines.process.table import leader_of, processes
+from rorg.engines.process.table import facts_of, leader_of, pids
 from rorg.engines.protocol import NONE, Usage
 from rorg.errors import EngineError, RorgError
 from rorg.model.engines import ENGINES
@@ -106,7 +106,7 @@ class ProcessEngine:
         """One look at the process table for all. The CPU time of ended children is lost, as in ps."""
         leaders = {c.pid: c.id for c in containers if c.pid}
         totals: dict[str, tuple[float, int]] = dict.fromkeys(leaders.values(), (0.0, 0))
-        table = processes()
+        table = facts_of(pids())
         for pid, facts in table.items():
             if container := leaders.get(leader_of(pid, leaders, table)):
                 cpu, memory = totals[container]

@@ -16,7 +16,7 @@ from typing import IO, Any
 
 from rorg.engines.process import lead
 from rorg.engines.process.records import ENDED, EXIT, Record, Records
-from rorg.engines.process.table import EXEC, MARK, await_program, boot_id, marked, processes, signal_one, stat
+from rorg.engines.process.table import EXEC, MARK, await_program, boot_id, facts_of, marked, pids, signal_one, stat
 from rorg.errors import EngineError
 from rorg.host.commands import TURN, Exceeded, Output, end, listen
 from rorg.model.units import stamp
@@ -130,9 +130,8 @@ def run_beside(
         return listen(child, output), output.text()
     except Exceeded as why:
         end(child, signal.SIGKILL)
-        for pid, facts in processes().items():
-            if marked(pid, EXEC, mark):
-                signal_one(pid, facts.started, signal.SIGKILL)
+        for pid, facts in facts_of(pid for pid in pids() if marked(pid, EXEC, mark)).items():
+            signal_one(pid, facts.started, signal.SIGKILL)
         return why.code, output.text(why)
 
 

@@ -7,7 +7,7 @@ import os
 import signal
 import subprocess
 import time
-from collections.abc import Container, Mapping
+from collections.abc import Container, Iterable, Mapping
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -78,9 +78,13 @@ def stat(pid: int) -> Process | None:
     return Process(fields[0], int(fields[1]), int(fields[2]), int(fields[19]), cpu, memory)
 
 
-def processes() -> dict[int, Process]:
-    """All live processes of this machine. Raises Unreachable."""
-    numbers = [int(entry.name) for entry in os.scandir("/proc") if entry.name.isdigit()]
+def pids() -> list[int]:
+    """Numbers of all processes of this machine."""
+    return [int(entry.name) for entry in os.scandir("/proc") if entry.name.isdigit()]
+
+
+def facts_of(numbers: Iterable[int]) -> dict[int, Process]:
+    """Those of these processes that live. Raises Unreachable."""
     return {pid: facts for pid in numbers if (facts := stat(pid)) and facts.state not in DEAD}
 
 
@@ -107,17 +111,31 @@ def is_same(run: Run) -> bool:
 
 
 def members(run: Run) -> dict[int, Process]:
-    """Live processes of a run without its leader: all below it, and all that carry the container's mark, which are left
-    if the leader was killed, or are commands beside it. Raises Unreachable."""
+    """Live processes of a run besides its leader: all below it. If the leader was killed, those that carry the
+    container's mark; commands beside a service do too. Raises Unreachable."""
     if run.boot != boot_id():
         return {}
-    table = processes()
-    leaders = (run.leader,) if is_same(run) else ()
-    return {
-        pid: facts
-        for pid, facts in table.items()
-        if pid != run.leader and (leader_of(pid, leaders, table) or marked(pid, MARK, run.container))
-    }
+    if is_same(run) and (below := _descendants(run.leader)) is not None:
+        return facts_of(below)
+    return facts_of(pid for pid in pids() if pid != run.leader and marked(pid, MARK, run.container))
+
+
+def _descendants(leader: int) -> list[int] | None:
+    """None if the kernel does not say."""
+    found, left = list[int](), [leader]
+    while left:
+        pid = left.pop()
+        try:
+            threads = os.listdir(f"/proc/{pid}/task")
+            children = [int(c) for t in threads for c in Path(f"/proc/{pid}/task/{t}/children").read_text().split()]
+        except OSError as error:
+            known(error, f"process {pid}")
+            if pid == leader:
+                return None
+            continue  # it has ended, and the leader has its children
+        found += children
+        left += children
+    return found
 
 
 def marked(pid: int, name: str, value: str) -> bool:
