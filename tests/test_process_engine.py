@@ -264,6 +264,14 @@ def test_a_crash_ends_all_processes_of_a_run_before_it_counts_as_exited(engine):
     assert engine.inspect(container).exit_code == 3
 
 
+def test_the_exit_code_is_kept_below_a_relative_state_directory(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    engine = ProcessEngine("me", Path("process"))
+    container = start(engine, "sh", "-c", "exit 3")
+    wait_for(lambda: engine.inspect(container).state == "exited")
+    assert engine.inspect(container).exit_code == 3
+
+
 def test_a_killed_rorg_does_not_keep_a_crashed_run_from_ending_whole(tmp_path):
     code = f"""
 import os

@@ -38,7 +38,7 @@ class Records:
     for."""
 
     def __init__(self, directory: Path) -> None:
-        self.directory = directory
+        self.directory = directory.absolute()  # programs have another working directory
         self.children: dict[str, subprocess.Popen[bytes]] = {}
         make_directory(directory)
 
