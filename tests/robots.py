@@ -124,7 +124,7 @@ class VirtualRobot:
 
     def waits(self, service: str) -> str:
         """Why it waits, as the last pass said it."""
-        return "; ".join(w.reason for w in self.sim.decision.plan.waitings if w.service == service)
+        return "; ".join(self.sim.decision.plan.reasons().get(service, ()))
 
     def wait(self, condition, seconds: float = 60.0) -> None:
         self.sim.run(lambda _: condition(), seconds)

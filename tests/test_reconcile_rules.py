@@ -81,7 +81,7 @@ def test_while_a_new_container_is_on_trial_others_are_removed_beside_it():
     (removal,) = [a for a in found.actions if a.verb == "remove"]
     assert removal.container == "second"
     assert (removal.surplus, bool(removal.part_of)) == (True, False)
-    assert any("the previous container is kept" in w.reason for w in found.waitings)
+    assert any("the previous container is kept" in why for why in found.reasons()["base"])
 
 
 # -- the way back ----------------------------------------------------------------------------------------------
@@ -130,8 +130,8 @@ def test_what_cannot_be_made_now_leaves_what_runs_as_it_is():
     denied = {"base": up(attempts={"create": Attempt(at=NOW + 9, error="no space")})}
     found = plan(seen=(OLD,), known=denied)
     assert found.actions == ()
-    (waits,) = found.waitings
-    assert "no space" in waits.reason
+    (why,) = found.reasons()["base"]
+    assert "no space" in why
     ended = {"base": Progress(stopped=(OLD.incarnation,), attempts=denied["base"].attempts)}
     assert "start old" in calls(seen=(replace(OLD, state="exited"),), known=ended), "it ran before"
     never = replace(OLD, state="created", started_at="")
