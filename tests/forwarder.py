@@ -6,6 +6,7 @@ from __future__ import annotations
 import contextlib
 import re
 import socket
+import struct
 import threading
 import weakref
 from pathlib import Path
@@ -18,6 +19,9 @@ class Forwarder:
 
     def __init__(self, host: str, pid: int = 0, at: Path | None = None) -> None:
         self.path, self.pid = host.removeprefix("unix://"), pid
+        self.reset = b""
+        """A pattern: a connection that asks for a path which begins so is reset, and the server does not hear of it."""
+        self.resets = 0
         self.silent = False
         """Streams of events stay open and say nothing."""
         self._whole, self._refuses = threading.Event(), False
@@ -79,6 +83,12 @@ class Forwarder:
             while data := client.recv(1 << 16):
                 if found := re.match(rb"[A-Z]+ (?:/v[0-9.]+)?(/[^ ?]*)", data):
                     asked[:] = [found[1]]
+                    if self.reset and re.match(self.reset, found[1]):
+                        self.resets += 1
+                        client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+                        engine.shutdown(socket.SHUT_RDWR)
+                        client.close()
+                        return
                 self._whole.wait()
                 engine.sendall(data)
             engine.shutdown(socket.SHUT_WR)

@@ -146,7 +146,9 @@ def test_a_terminal_shows_who_waits_for_whom_and_is_left_clean(robot, ready):
 def test_progress_is_for_terminals_alone(robot, ready):
     process = begin(robot, "request", "nav", "--wait")
     robot.wait(lambda: "slow" in robot.active() and robot.loop.questions)
-    assert wait_for(lambda: any("slow is not ready" in r for why in robot.loop.decision.plan.reasons().values() for r in why))
+    assert wait_for(
+        lambda: any("slow is not ready" in r for why in robot.loop.decision.plan.reasons().values() for r in why)
+    )
     ready.touch()
     out, said = process.communicate(timeout=30)
     assert (process.returncode, out, said) == (0, "request 'nav' of developer: nav\n", "")

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+
 import pytest
 from conftest import wait_for
+from forwarder import Forwarder
 from robots import Daemon, RealRobot, VirtualRobot, write_tree
 from test_updates import later
+
+from rorg.core.memory import STALLED_AFTER
 
 OLD, NEW = {"EDITION": "old"}, {"EDITION": "new"}
 
@@ -121,3 +126,27 @@ def test_a_change_that_failed_before_an_outage_is_tried_again_only_if_it_restart
 
 def starts(virtual: VirtualRobot, name: str) -> int:
     return sum(verb == "start" and service == name for _, verb, service in virtual.sim.engine.calls)
+
+
+def test_calls_that_are_cut_off_while_docker_restarts_are_no_reason_to_give_up(tmp_path, dockerd):
+    """As at the end of a restart: it answers already, and ends connections of calls. Who waits goes on waiting."""
+    line = Forwarder(dockerd.host)
+    robot = RealRobot(tmp_path, "docker", line.host, with_server=True)
+    try:
+        robot.declare({"arm": {}})
+        robot.wait(lambda: robot.states() == {"arm": "created"})
+        line.reset = rb"/containers/[^/]+/start"
+        robot.request("arm")
+        client = robot.client()
+        with ThreadPoolExecutor() as pool:
+            waiting = pool.submit(client.wait, "arm", timeout=40.0)
+            robot.wait(lambda: line.resets >= STALLED_AFTER + 1 or waiting.done())
+            assert not waiting.done(), waiting.result()
+            assert client.service("arm")["health"] == "Progressing"
+            line.reset = b""
+            assert waiting.result(60)["arm"]["ready"]
+        assert not [text for text in robot.lines if "stalled" in text]
+    finally:
+        line.reset = b""
+        robot.close()
+        line.close()

@@ -84,6 +84,8 @@ class Outcome:
     """The engine will never start this container again."""
     unsupported: bool = False
     """The engine does not support the operation."""
+    unanswered: bool = False
+    """The engine did not answer, or ended the connection; a call that times out hangs for a reason of its own."""
 
 
 def forget(memory: Memory, names: Iterable[str], busy: Collection[str]) -> Memory:
@@ -146,10 +148,11 @@ def _finished(progress: Progress, outcome: Outcome, now: float) -> Progress:
     if error or attempt.count >= STALLED_AFTER:
         attempt = replace(attempt, at=now + delay(attempt.count + 1), error=error)
         attempt = replace(attempt, missing=outcome.missing, spent=outcome.spent, unsupported=outcome.unsupported)
+        attempt = replace(attempt, unanswered=outcome.unanswered)
         progress = progress.attempting(operation, attempt)
         progress = progress if isinstance(operation, Remove) else replace(progress, error=error)
     elif attempt.error and not progress.exits:
-        attempt = replace(attempt, at=0.0, error="", missing=False, spent=False, unsupported=False)
+        attempt = replace(attempt, at=0.0, error="", missing=False, spent=False, unsupported=False, unanswered=False)
         progress = progress.attempting(operation, attempt)
         progress = replace(progress, error=next((t.error for t in progress.attempts.values() if t.error), ""))
     if isinstance(operation, Signal) and not error and progress.update.run == operation.incarnation:

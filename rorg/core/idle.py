@@ -187,7 +187,7 @@ def _deactivate(view: View, service: Service, container: Container, why: str) ->
 def _failed(view: View, service: Service, kind: type[Operation]) -> str:
     """Return why this kind of operation is not tried again; "" if it may succeed."""
     tried = view.s.memory.of(service.name).attempt(kind) or Attempt()
-    return tried.error if tried.unsupported or tried.count >= ATTEMPTS else ""
+    return tried.error if tried.unsupported or (tried.count >= ATTEMPTS and not tried.unanswered) else ""
 
 
 def _end(view: View, service: Service, container: Container, why: str) -> Step:

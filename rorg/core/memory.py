@@ -85,6 +85,12 @@ class Attempt:
     """It failed because the engine will never start this container again; a new container helps."""
     unsupported: bool = False
     """It failed because the engine does not support the operation."""
+    unanswered: bool = False
+    """The engine did not answer, as when it restarts, which says nothing about the service."""
+
+    @property
+    def stalled(self) -> bool:
+        return self.count >= STALLED_AFTER and not self.unanswered
 
 
 NO_ANSWER = "it does not answer any more"
@@ -214,7 +220,7 @@ class Progress:
 
     @property
     def stalled(self) -> bool:
-        return self.exits >= STALLED_AFTER or any(t.count >= STALLED_AFTER for t in self.attempts.values())
+        return self.exits >= STALLED_AFTER or any(t.stalled for t in self.attempts.values())
 
     @property
     def missing(self) -> bool:

@@ -19,12 +19,12 @@ NEVER = float("inf")
 
 def saved_progress(step: Progress, due: Due | None, boot: str) -> dict[str, Any]:
     """What to keep of a service in this boot, with its requested restart. Attempts that failed because something is
-    missing on this machine are left out: it may be there next time."""
+    missing on this machine, or because the engine did not answer, are left out: it may be different next time."""
     times = {name: round(at, 3) for name in TIMES if (at := getattr(step, name)) is not None}
     attempts = {
         verb: [list(map(str, t.signature)), t.count, round(t.at, 3) if t.at else 0.0, t.error]
         for verb, t in step.attempts.items()
-        if not t.missing
+        if not (t.missing or t.unanswered)
     }
     more = {
         "crashes": step.crashes,

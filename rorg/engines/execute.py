@@ -21,7 +21,7 @@ from rorg.core.operations import (
 )
 from rorg.core.plan import Action
 from rorg.engines.protocol import Lifecycle, ManagedNodes, Objects
-from rorg.errors import EngineError, RorgError, advice
+from rorg.errors import EngineError, RorgError, TimedOut, Unreachable, advice
 
 STATE = ("gone", "conflict", "name_taken", "spent", "left_running")
 """Kinds of errors that mean that the container was in a different state than expected; the engine did not refuse."""
@@ -37,6 +37,7 @@ def failure(action: Action, error: RorgError) -> Outcome:
         missing=kind == "missing_image",
         spent=kind == "spent",
         unsupported=kind == "unsupported",
+        unanswered=isinstance(error, Unreachable) and not isinstance(error, TimedOut),
     )
 
 
