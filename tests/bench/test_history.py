@@ -18,7 +18,7 @@ from rorg_process import RorgProcess
 from test_commands import ENVIRONMENT, RORG, measure
 
 from rorg.history.database import Database
-from rorg.history.journal import Filter, Journal
+from rorg.history.journal import ABOUT, ENTRY, Filter, Journal, checksum
 from rorg.history.maintenance import Maintenance
 from rorg.history.retention import Retention
 from rorg.history.revisions import Made, Revision, Revisions
@@ -43,20 +43,16 @@ def long(tmp_path_factory):
     """A state directory with a long journal."""
     state = tmp_path_factory.mktemp("long")
     database = Database(state / "journal.db", wall)
-    rows = [
-        (n, stamp(BEGIN + n), KINDS[n % 8], f"entry number {n} of s{n % 40:02}: done in 12 ms", n % 8 == 1)
+    written = [
+        (
+            *(n, stamp(BEGIN + n), KINDS[n % 8], f"entry number {n} of s{n % 40:02}: done in 12 ms", int(n % 8 == 1)),
+            f'{{"service": "s{n % 40:02}", "verb": "start", "seconds": 0.012}}',
+        )
         for n in range(1, ENTRIES + 1)
     ]
-    more = [f'{{"service": "s{n % 40:02}", "verb": "start", "seconds": 0.012}}' for n in range(1, ENTRIES + 1)]
-
-    def fill(connection) -> None:
-        both = [(*row, text) for row, text in zip(rows, more, strict=True)]
-        sql = "INSERT INTO entry (seq, at, kind, message, person, more) VALUES (?,?,?,?,?,?)"
-        connection.executemany(sql, both)
-        about = [(f"s{n % 40:02}", n) for n in range(1, ENTRIES + 1)]
-        connection.executemany("INSERT INTO about (service, seq) VALUES (?, ?)", about)
-
-    assert database.write(fill)
+    rows = [(*values, checksum(*values)) for values in written]
+    about = [(f"s{n % 40:02}", n) for n in range(1, ENTRIES + 1)]
+    assert database.write([(ENTRY, rows), (ABOUT, about)])
     revisions = Revisions(database)
     for number in range(REVISIONS):
         made = {f"s{n:02}": Made(f"v1:{n}-{number // 40 if n else number}", "{}", "ros:noetic") for n in range(40)}
