@@ -152,8 +152,14 @@ def test_rorg_run_starts_and_serves_with_a_damaged_journal(lively, tmp_path):
             client.call("GET", "/v1/status")
             for question in QUESTIONS:
                 assert answer(client, question) in ("", "not-found"), f"seed {seed}: {question}"
+            assert (seed > TRIES) or "journal-damaged" in {event["kind"] for event in client.events(tail=100)}
             process.stop()
             assert process.process.returncode == 0
+            checks = run(["doctor", "--state-dir", str(process.state), "--engine", "process", "-o", "json"]).stdout
+            (check,) = [check for check in json.loads(checks) if check["check"] == "journal"]
+            aside = sorted(map(str, process.state.glob("journal.damaged-*.db")))
+            assert check["status"] == ("warning" if aside else "ok"), f"seed {seed}: {check}"
+            assert all(path in check["message"] for path in aside)
     finally:
         process.close()
 
