@@ -92,8 +92,8 @@ DEFECTS_OF_RUNS = (
     Defect(
         "the previous container is not kept",
         "core/swap.py",
-        "        if not container.started_at or container.state in",
-        "        if container.started_at or container.state in",
+        "        if not container.started_at or self.step.useless",
+        "        if container.started_at or self.step.useless",
         (GOOD, "a bad change leaves what ran", SERVED),
     ),
     Defect(
@@ -160,8 +160,8 @@ DEFECTS_OF_RUNS = (
     Defect(
         "a change is not seen",
         "core/reconcile.py",
-        "for c, d in pairs if not d.recreate and c.id not in self.moved), None)",
-        "for c, d in pairs), None)",
+        "for c, d in usable if not d.recreate and c.id not in self.moved), None)",
+        "for c, d in usable), None)",
         ("what runs is what is declared",),
     ),
     Defect(
