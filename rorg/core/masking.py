@@ -13,7 +13,7 @@ from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 from urllib.parse import quote
 
-from rorg.model.catalog import Catalog, Spec, can_be_hidden
+from rorg.model.catalog import SHORTEST_SECRET, Catalog, Spec
 from rorg.model.health import Health
 from rorg.model.image_names import declared
 from rorg.model.secret_names import NAME, is_secret_name, secret_texts
@@ -229,7 +229,7 @@ def _own_secrets(catalog: Catalog) -> dict[str, set[str]]:
 def secrets(catalog: Catalog) -> set[str]:
     """Return all secret values, without those too short to be distinguished from ordinary text."""
     of_images = {image.args[name] for image in catalog.images.values() for name in image.secrets}
-    return {value for value in of_images.union(*_own_secrets(catalog).values()) if can_be_hidden(value)}
+    return {value for value in of_images.union(*_own_secrets(catalog).values()) if len(value) >= SHORTEST_SECRET}
 
 
 def secrets_of(spec: Spec, names: Iterable[str]) -> list[str]:
@@ -251,7 +251,7 @@ def forms(values: Iterable[str]) -> tuple[str, ...]:
                 repr(text)[1:-1],
             }
             spellings |= {shlex.quote(text).strip("'"), quote(text), quote(text, safe="")}
-    return tuple(sorted(filter(can_be_hidden, spellings), key=lambda f: (-len(f), f)))
+    return tuple(sorted((f for f in spellings if len(f) >= SHORTEST_SECRET), key=lambda f: (-len(f), f)))
 
 
 def hidden(text: str, values: Iterable[str]) -> str:

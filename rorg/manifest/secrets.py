@@ -12,7 +12,7 @@ from rorg.manifest.documents import Source, manifest_files
 from rorg.manifest.files import read_text
 from rorg.manifest.yaml_documents import read_documents
 from rorg.manifest.yaml_source import Document
-from rorg.model.catalog import SHORTEST_SECRET, SHORTEST_WORD, Image, Service, can_be_hidden
+from rorg.model.catalog import SHORTEST_SECRET, Image, Service
 from rorg.model.diagnostics import Diagnostic, Reading, nearest
 from rorg.model.image_names import declared
 
@@ -46,9 +46,9 @@ def secrets_of(
                 remedy = nearest(secret, known) or "to name one that is in container.environment or an env_file"
                 message = f"'{secret}' is neither a variable of '{name}' nor an argument of its image"
                 yield Diagnostic(where, message, remedy)
-            elif any(value and not can_be_hidden(value) for value in values):
+            elif any(0 < len(value) < SHORTEST_SECRET for value in values):
                 message = f"the value of '{secret}' is too short to be hidden where it is part of other text"
-                remedy = f"one of at least {SHORTEST_SECRET} characters, or {SHORTEST_WORD} if it is a word"
+                remedy = f"one of at least {SHORTEST_SECRET} characters"
                 yield Diagnostic(where, message, remedy, "warning")
     return marked_images
 

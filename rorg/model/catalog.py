@@ -23,19 +23,10 @@ EVERY = "*"
 
 SHORTEST_SECRET = 6
 """Minimum number of characters of a secret that is masked in texts; a shorter one occurs in any text."""
-SHORTEST_WORD = 8
-"""The same for a secret that looks like a word: letters only, such as `reason` or `Warning`. It occurs in rorg's own
-sentences."""
 
 Spec = Mapping[str, Any]
 """A rendered container: `image`, `command` and options under Compose's names, in plain JSON values; only what is
 declared. Exactly this is sent to the engine and digested."""
-
-
-def can_be_hidden(secret: str) -> bool:
-    """Return whether a secret is long enough to be masked in texts without masking words of other sentences."""
-    word = secret.isalpha() and secret.isascii() and secret[1:].islower()
-    return len(secret) >= (SHORTEST_WORD if word else SHORTEST_SECRET)
 
 
 @dataclass(frozen=True, slots=True)
