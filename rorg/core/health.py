@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rorg.core.diff import difference
+from rorg.core.diff import REPLICAS, difference
 from rorg.core.observed import Container
 from rorg.core.situation import Situation
 from rorg.model.catalog import Service
@@ -40,9 +40,9 @@ def is_synced(situation: Situation, service: Service, current: Container | None)
         return False
     if situation.engine.rename and current.name != service.container_name:
         return False
-    # Pressure lowers CPU shares for a while.
+    # Pressure lowers CPU shares for a while. An engine without live updates can still set replicas back.
     live = [option for option in found.live if option != "cpu_shares" or name not in situation.measures.lowered]
-    if live and situation.engine.update:
+    if live and (situation.engine.update or REPLICAS in live):
         return False
     read = situation.memory.of(name).update
     contents = desired.contents.get(name, {})
