@@ -204,7 +204,7 @@ def test_a_release_by_hand_asks_before_a_driver_stops(shell):  # noqa: F811
 
 
 def test_another_try_of_a_change_asks_where_it_replaces_a_driver(shell):  # noqa: F811
-    good = {"always_on": True, "driver": {}, "update": {"bake": "100ms"}}
+    good = {"always_on": True, "driver": {}, "update": {"bake": "100ms", "when": "now"}}
     write_tree(shell.tree, {"base": good})
     shell.run()
     before = run_of(shell, "base")

@@ -273,6 +273,8 @@ def test_a_file_of_an_older_rorg_is_read_and_upgraded(tmp_path):
     filled(path)
     with closing(sqlite3.connect(path)) as connection, connection:
         connection.execute("ALTER TABLE entry DROP COLUMN checksum")
+        connection.execute("ALTER TABLE revision DROP COLUMN proven_at")
+        connection.execute("DROP TABLE verdict")
         connection.execute("PRAGMA user_version = 2")
     assert [entry["message"] for entry in entries(path)] == ["it is ready"]
     journal = owned(path)

@@ -146,7 +146,9 @@ def test_it_runs_as_it_is(tmp_path, request, engine):
         )
         rorg(tmp_path, "down", "--yes", **environment)
         assert run.wait(30) == 0
-        assert {p.name for p in (tmp_path / "state").iterdir()} == {"instance", "requests.yaml"}
+        assert {p.name for p in (tmp_path / "state").iterdir()} - {"journal.db-shm", "journal.db-wal"} == {
+            *("instance", "requests.yaml", "journal.db")
+        }
     finally:
         run.kill()
         run.wait()

@@ -37,10 +37,11 @@ echo '{pages.SAID}end'
 KNOWN = {
     "/var/lib/rorg/instance",
     "/var/lib/rorg/requests.yaml",
+    "/var/lib/rorg/journal.db",
     *(
         f"/root/{machine}/{name}"
         for machine in ("body", "head")
-        for name in ("instance", "machine.json", "requests.yaml")
+        for name in ("instance", "machine.json", "requests.yaml", "journal.db")
     ),
     "/root/.gitconfig",
     "/etc/hostname",

@@ -23,6 +23,7 @@ THREADS = (
     "/v1/listeners",
     "/v1/connections",
     "/v1/history",
+    "/v1/rollback",
     "/v1/timeline",
     "/v1/requested",
     "/v1/measured",

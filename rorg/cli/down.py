@@ -22,6 +22,7 @@ from rorg.model.units import counted
 
 if TYPE_CHECKING:
     from rorg.core.decide import Decision
+    from rorg.core.observed import Container
     from rorg.daemon.loop import Loop
 
 
@@ -55,11 +56,22 @@ def command(
         client.call("PUT", "/v1/down", {"keep_requests": keep_requests} | more)
         _until_gone(context, timeout)
     note("the robot is down")
-    server = not context.remote and capabilities_of(context.engine_name).server
-    for container in context.engine().list() if server else ():
+    for container in _not_removed(context):
         note(f"the engine does not remove {container.id[:ID]} of {container.service}; it is {container.state}")
     if others:
         note(f"dev containers remain: {', '.join(others)}; `rorg dev --stop` removes them")
+
+
+def _not_removed(context: Context) -> list[Container]:
+    """The containers that the engine has not removed. To ask it leaves no file behind, as all of `rorg down`."""
+    if context.remote or not capabilities_of(context.engine_name).server:
+        return []
+    try:
+        return list(context.engine().list())
+    except RorgError:  # the robot is down, whatever engine this command takes for its own
+        return []
+    finally:
+        (context.state.path / "instance.lock").unlink(missing_ok=True)
 
 
 def _developed_in(context: Context) -> list[str]:

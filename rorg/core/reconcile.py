@@ -159,7 +159,7 @@ class _Reconciled:
             for c, diff in stale
             if (diff.recreate or c.id not in self.moved)
             and can_return(self.view, self.service, c)
-            and not self.on_another(c)
+            and not (self.on_another(c) or self.step.useless(c))
         ]
 
     def changed(self, stale: list[tuple[Container, Difference]]) -> tuple[str, ...]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from rorg.core.decide import Decision
 from rorg.core.memory import Progress
+from rorg.core.observed import Container
 from rorg.core.plan import Action, Part
 from rorg.core.wanted import chain
 from rorg.model.graph import closure
@@ -89,16 +90,18 @@ def _cause(decision: Decision, name: str, run: str, action: Action | None) -> tu
         return ("replaced" if action.part_of is Part.REPLACE else "restarted"), action.reason
     if name in situation.restarts:
         return "restarted", "a restart was requested"
-    return _by_itself(progress, run, action)
+    return _by_itself(progress, run, action, situation.observed.current(name))
 
 
-def _by_itself(progress: Progress, run: str, action: Action | None) -> tuple[str, str]:
+def _by_itself(progress: Progress, run: str, action: Action | None, current: Container | None) -> tuple[str, str]:
     if run == progress.exited and not progress.error:
         return "ceased", "it ended with exit code 0"
     if run in (progress.exited, progress.hung):
         return ("hung" if run == progress.hung else "crashed"), progress.error
     if action is not None:
         return "ceased", action.reason
+    if not progress.incarnation and current is not None and current.ended and current.incarnation == run:
+        return "crashed" if current.exit_code else "ceased", "it ended while no rorg ran"
     if progress.incarnation not in ("", run):
         return "restarted", "another run has begun"
     if progress.running_since is not None:

@@ -56,7 +56,7 @@ class DockerEngine(Inside, Images):
         self.labels = {LABEL_STATE: state} if state else {}
         self.capabilities = ENGINES[self.name]
         """All until the engine has answered; then those of its release."""
-        self._clock_ahead = 0.0
+        self._clock_ahead = time.time() - time.monotonic()
         """Seconds by which the clock was ahead of the monotonic one at the last list."""
         self.address = self.client.host
         self.local = self.client.host.startswith(("unix://", "http+unix://"))
