@@ -104,7 +104,7 @@ def test_describe_says_which_profile_declares_an_option(tmp_path):
     expected = {
         "profile common, <built in>/common.yaml": ("network_mode", "init", "logging.driver"),
         "profile ros2, <built in>/ros2.yaml": ("ipc", "environment.RMW_IMPLEMENTATION"),
-        "manifest, services/arm.yaml:": ("environment.ROS_DOMAIN_ID", "stop_signal", "cap_add"),
+        "manifest, services/arm.yaml:": ("environment.ROS_DOMAIN_ID", "stop_signal"),
     }
     for origin, options in expected.items():
         assert all(told[f"container.{option}"].startswith(origin) for option in options), told
