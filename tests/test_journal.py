@@ -27,7 +27,7 @@ from rorg.history.maintenance import Maintenance
 from rorg.history.retention import Retention
 from rorg.history.revisions import Made, Revision, Revisions
 from rorg.host.clock import wall_clock
-from rorg.model.units import stamp
+from rorg.model.units import parse_time, stamp
 
 ROUNDS = 200
 NOW = "2026-11-22T12:00:00.000000Z"
@@ -288,11 +288,23 @@ def test_what_is_too_old_goes_but_for_the_last_of_each(path):
         journal.append(old, "told", f"{number}")
         revisions.begin(Revision(0, old, f"f{number}", services={"arm": Made(f"v1:{number}", "{}")}))
         revisions.settle(number + 1, "good" if number == 1 else "failed", "", old)
+    journal.append(wall(), "told", "now")
     kept(database).look()
-    assert numbers(entries(path)) == [5]
+    assert numbers(entries(path)) == [6]
     assert [r.number for r in revisions.list(10)] == [5, 2]
     assert revisions.get(2).services["arm"].digest == "v1:1"
-    assert owned(path).last == 5
+    assert owned(path).last == 6
+
+
+def test_a_clock_that_is_far_ahead_makes_nothing_old(path):
+    """It is set 50 years ahead while rorg runs, and the next one sets out from what was written before."""
+    journal = owned(path)
+    for number in range(5):
+        journal.append(NOW, "told", f"{number}")
+    look = kept(journal.database, now=parse_time(NOW) + 50 * 365 * 86_400)
+    journal.append(stamp(look.wall()), "told", "by the wrong clock")
+    look.look()
+    assert numbers(entries(path)) == [1, 2, 3, 4, 5, 6]
 
 
 def test_the_file_is_bounded(path, monkeypatch):
@@ -374,6 +386,7 @@ def test_the_journal_replayed_is_what_the_engine_shows(robot):
 def test_a_pass_that_changes_nothing_writes_nothing(robot):
     robot.declare({"arm": {"always_on": True}, "camera": {}})
     robot.settle()
+    robot.wait(lambda: robot.loop.tree.standing.code == "good")  # the end of its bake is news
     database, passes = robot.loop.recorder.history, robot.loop.passes
     robot.loop.wake()
     wait_for(lambda: robot.loop.passes > passes)  # what the last pass has found is written

@@ -4,12 +4,13 @@ entries."""
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
 
 from rorg.history.database import Database
 from rorg.history.journal import Journal
 from rorg.history.retention import Retention, trim
-from rorg.model.units import stamp
+from rorg.model.units import parse_time, stamp
 
 EVERY = 1.0
 """Seconds from a change until the disk has it, and between two attempts to write what it refused."""
@@ -21,7 +22,8 @@ DAY = 86_400.0
 
 
 class Maintenance:
-    """`tell` gets the kind and the message of events about the file; `wall` gives seconds since the epoch."""
+    """`tell` gets the kind and the message of events about the file; `wall` gives seconds since the epoch, `clock`
+    those of the monotonic clock."""
 
     def __init__(
         self,
@@ -29,8 +31,10 @@ class Maintenance:
         tell: Callable[[str, str], None],
         retention: Callable[[], Retention],
         wall: Callable[[], float],
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.database, self.tell, self.retention, self.wall = database, tell, retention, wall
+        self.database, self.tell, self.retention, self.wall, self.clock = database, tell, retention, wall, clock
+        self._newest, self._began = _newest(database, wall()), clock()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="history", daemon=True)
         self._trimmed: int | None = None
@@ -53,6 +57,11 @@ class Maintenance:
     def _rest(self) -> None:
         self._stop.wait(REST)
 
+    def _present(self) -> float:
+        """The time that ages are counted from, in seconds since the epoch. It is at most as long after the newest entry
+        of the last rorg as this one has run: a clock that is set to 2076 makes no entry old."""
+        return min(self.wall(), self._newest + self.clock() - self._began)
+
     def look(self) -> None:
         """Do what there is to do."""
         self.database.changed.clear()
@@ -63,7 +72,16 @@ class Maintenance:
             Journal(self.database).check(self._rest)
         if self._trimmed is None or self.database.changes - self._trimmed >= TRIM:
             retention = self.retention()
-            trim(self.database, retention, stamp(max(0.0, self.wall() - retention.days * DAY)), self._rest)
+            trim(self.database, retention, stamp(max(0.0, self._present() - retention.days * DAY)), self._rest)
             self._trimmed = self.database.changes
         for kind, message in self.database.take_notes():
             self.tell(kind, message)
+
+
+def _newest(database: Database, otherwise: float) -> float:
+    """The time of the newest entry, in seconds since the epoch. A damaged one is found by the check."""
+    newest = next((at for (at,) in database.rows("SELECT max(at) FROM entry")), None)
+    try:
+        return parse_time(newest)
+    except (ValueError, TypeError):
+        return otherwise
