@@ -65,6 +65,7 @@ def test_an_edit_waits_until_a_person_confirms_it(robot, word):
     robot.waits_for_a_person()
     assert "wheels is in use" in robot.say("diff", code=1)
     assert "wheels is in use" in robot.say("why", "wheels")
+    robot.wait(lambda: "wheels is in use" in robot.say("get"))
     said = robot.say(*("apply",) if word == "apply" else ("restart", "wheels"), code=5)
     assert "wheels" in said
     assert "no terminal" in said

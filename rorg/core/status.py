@@ -84,17 +84,20 @@ class Status:
 
     @property
     def trouble(self) -> str:
-        """What keeps it from being as wanted: probe failure, exit, failed action and its next attempt; otherwise a
-        container that the engine does not remove; "" if there is nothing."""
+        """What keeps it from being as wanted: probe failure, exit, failed action and its next attempt, a change that
+        waits; otherwise a container that the engine does not remove; "" if there is nothing."""
         failed, ready = self.update_failed, self.condition("Ready")
         if ready.reason == SILENT:  # shown once for all services
             return ""
         if failed:
             return f"its change failed: {failed}"
         well = ready.status == "True" and self.health not in (Health.PROGRESSING, Health.DEGRADED)
+        waits = self.condition("Reconciling")
+        if well and self.sync == "OutOfSync" and waits.status == "False":
+            return waits.message  # a change that is not made yet
         if well or not (self.wanted or self.health.kept_out):
             return self.condition("Cleared").message
-        return self.condition("Reconciling").message or ready.message
+        return waits.message or ready.message
 
     def as_json(self) -> dict[str, Any]:
         plain = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "chain"}
