@@ -13,6 +13,8 @@ import pytest
 from conftest import wait_for
 from rorg_process import RorgProcess
 
+from rorg.core.assessment import FRESH
+
 GONE = "No such file or directory"
 
 
@@ -27,9 +29,12 @@ def parked(tmp_path) -> Path:
 @pytest.fixture
 def robot(tmp_path, parked):
     """With an arm whose interlock allows everything, and a base that has none."""
-    found = RorgProcess(tmp_path, {"arm": {"always_on": True, "interlock": {"file": str(parked)}}, "base": {}}).start()
+    lock = {"file": str(parked), "interval": "100ms"}
+    found = RorgProcess(tmp_path, {"arm": {"always_on": True, "interlock": lock}, "base": {}}).start()
     wait_for(lambda: (found.state / "run/rorg.sock").exists())
     found.client(patience=10.0).wait("arm", timeout=30)
+    ready = time.monotonic()
+    wait_for(lambda: time.monotonic() > ready + 0.2 + FRESH, what="that it was allowed to start counts no more")
     yield found
     parked.touch()
     found.close()

@@ -26,8 +26,8 @@ class Interlocks:
         self._reported = set(known)
         self._since: dict[str, float] = {}
 
-    def see(self, refusals: Mapping[str, str]) -> None:
-        """Take what locked() returns, and report what has lasted for SURE."""
+    def see(self, refusals: Mapping[str, str]) -> bool:
+        """Take what locked() returns, and report what has lasted for SURE. Return whether something has not yet."""
         now = time.monotonic()
         self._since = {name: self._since.get(name, now) for name in refusals if name not in self._reported}
         for name, since in self._since.items():
@@ -37,12 +37,12 @@ class Interlocks:
                     f"{name} waits ({refusals[name]}); rorg goes on when the interlock allows it, "
                     "or when you remove the interlock from the manifests"
                 )
+        return not self._reported.issuperset(refusals)
 
 
 def report_locked(look: Callable[[], Mapping[str, str]], known: Collection[str]) -> None:
     """Report services that an order concerns and that wait for their interlock; `look` returns what locked() does.
     Returns at once if none waits."""
-    interlocks, until = Interlocks(known), time.monotonic() + SURE + LOOK
-    while time.monotonic() < until and (refusals := look()).keys() - set(known):
-        interlocks.see(refusals)
+    interlocks = Interlocks(known)
+    while interlocks.see(look()):
         time.sleep(LOOK)
