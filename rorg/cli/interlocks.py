@@ -42,7 +42,7 @@ class Interlocks:
 
 def report_locked(look: Callable[[], Mapping[str, str]], known: Collection[str]) -> None:
     """Report services that an order concerns and that wait for their interlock; `look` returns what locked() does.
-    Returns at once if none waits."""
+    Returns immediately if none waits."""
     interlocks = Interlocks(known)
     while interlocks.see(look()):
         time.sleep(LOOK)

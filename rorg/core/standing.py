@@ -39,8 +39,8 @@ class Standing:
 def standing(decision: Decision, before: Standing | None = None, changed: Collection[str] | None = None) -> Standing:
     """Return the standing of the manifests in force.
 
-    - `before`: their standing until now. What was good stays good until a service fails. What failed stays failed until
-      everything has been proven: that a service is released, or that rorg restarts, repairs nothing.
+    - `before`: their standing until now. A good revision stays good until a service fails. A failed one stays failed
+      until everything has been proven: a release of a service, or a restart of rorg, repairs nothing.
     - `changed`: services that differ from the last good state of the manifests; None if there is none on record.
 
     A failure counts immediately, not only after its change was undone. While an action is under way nothing else is

@@ -1,5 +1,6 @@
-"""What the kernel says of the tree's files since the last reading: whether one has changed, and whether those that
-services mount are still being written. The tree asks it in each reading, and the loop before it serves a request."""
+"""Changes of the tree's files since the last reading, as the kernel reports them: whether one has changed, and whether
+those that services mount are still being written. The tree asks in each reading, the loop before it serves a request.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is known of each edition of a service: it has stayed well, or it fails. A rollback trusts nothing else."""
+"""The verdict on each edition of a service: it has stayed well, or it fails. A rollback trusts nothing else."""
 
 from __future__ import annotations
 
