@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 from conftest import wait_for
+from histories import small_disk
 from robots import RealRobot
 from rorg_process import RorgProcess
 
@@ -23,6 +24,7 @@ from rorg.engines.log_lines import Reading
 from rorg.engines.make import make_engine
 from rorg.engines.process.engine import ProcessEngine
 from rorg.engines.process.log import KEPT, SLACK, follow_lines, read_lines, trim_log
+from rorg.engines.process.table import MARK, marked, pids
 from rorg.store.state_dir import StateDir
 
 MANY, FEW_FILES = 80, 96
@@ -52,6 +54,31 @@ def test_a_command_that_takes_too_long_is_ended_with_all_that_it_began(engine):
     for pid in child, session:
         wait_for(lambda pid=pid: _state(int(pid)) in "ZX", what="the children of the command to end")
     assert engine.inspect(container).state == "running"
+
+
+def test_no_program_starts_whose_run_the_disk_does_not_take(tmp_path):
+    """Otherwise the next try starts a second copy, and nobody ends the first."""
+    with small_disk(tmp_path / "disk", "256k") as disk:
+        engine = ProcessEngine("me", disk / "containers")
+        program = ["sh", "-c", f"echo begun >> {tmp_path}/begun; exec sleep 600"]
+        container = engine.create("x", {"image": "x", "command": program}, LABELS)
+        with pytest.raises(OSError, match="No space left"), open(disk / "log", "wb", buffering=0) as file:
+            while True:
+                file.write(bytes(4096))
+        for _ in range(3):
+            with pytest.raises(OSError, match="No space left"):
+                engine.start(container)
+        with pytest.raises(OSError, match="No space left"):
+            engine.create("y", {"image": "x", "command": program}, LABELS)
+        assert [path.name for path in engine.records.directory.iterdir()] == [container]
+        assert not (tmp_path / "begun").exists()
+        assert not [pid for pid in pids() if marked(pid, MARK, container)]
+        assert engine.inspect(container).state == "created"
+        (disk / "log").unlink()
+        engine.start(container)
+        wait_for((tmp_path / "begun").exists)
+        engine.stop(container, "SIGKILL", 0)
+        assert (tmp_path / "begun").read_text() == "begun\n"
 
 
 def _state(pid: int) -> str:

@@ -22,7 +22,7 @@ from rorg.core.observed import LABEL_OWNER, Container, from_labels
 from rorg.engines.log_lines import LogLine, Reading
 from rorg.engines.places import copy
 from rorg.engines.process.events import Changes
-from rorg.engines.process.launch import folder_of, hear_signals, launch, run_attached, run_beside
+from rorg.engines.process.launch import folder_of, hear_signals, launched, run_attached, run_beside
 from rorg.engines.process.log import follow_lines, read_lines, read_log_from, trim_log
 from rorg.engines.process.records import Record, Records
 from rorg.engines.process.table import facts_of, leader_of, pids
@@ -129,18 +129,20 @@ class ProcessEngine:
             if name in self._names.values():
                 raise EngineError(f"create {name}", "the name is taken", "another container_name", "name_taken")
             container = os.urandom(32).hex()
+            record = {
+                "id": container,
+                "name": name,
+                "spec": {**spec},
+                "labels": {**labels},
+                "live": {k: v for k, v in spec.items() if k in LIVE and k != "container_name"},
+                "created_at": stamp(time.time()),
+            }
             self.records.folder(container).mkdir(mode=0o700)
-            live = {k: v for k, v in spec.items() if k in LIVE and k != "container_name"}
-            self._write(
-                {
-                    "id": container,
-                    "name": name,
-                    "spec": {**spec},
-                    "labels": {**labels},
-                    "live": live,
-                    "created_at": stamp(time.time()),
-                }
-            )
+            try:
+                self._write(record)
+            except OSError:
+                self.records.folder(container).rmdir()
+                raise
             return container
 
     def start(self, container: str) -> None:
@@ -149,7 +151,8 @@ class ProcessEngine:
             if self.records.state(record)[0] in ("running", "paused"):
                 raise EngineError(f"start {record['name']}", "it already started", kind="conflict")
             self.records.clear(record)
-            self._write(launch(self.records, record))
+            with launched(self.records, record) as run:
+                self._write(run)
 
     def pause(self, container: str) -> None:
         self.records.switch(self.records.read(container), "pause", signal.SIGSTOP, "running", "paused")

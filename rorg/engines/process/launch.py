@@ -10,7 +10,8 @@ import sys
 import threading
 import time
 import uuid
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from fnmatch import fnmatchcase
 from typing import IO, Any
 
@@ -56,8 +57,10 @@ def hear_signals() -> None:
                 signal.signal(number, lambda *_: None)
 
 
-def launch(records: Records, record: Record) -> dict[str, Any]:
-    """Begin a run, and return the record with what distinguishes this run from others."""
+@contextmanager
+def launched(records: Records, record: Record) -> Iterator[dict[str, Any]]:
+    """Begin a run: yield the record with what distinguishes this run from others, and start the program when the caller
+    has written that down. If the caller fails, the program does not start. Raises EngineError."""
     container = record["id"]
     for name in (EXIT, ENDED):
         (records.folder(container) / name).unlink(missing_ok=True)
@@ -67,17 +70,25 @@ def launch(records: Records, record: Record) -> dict[str, Any]:
     with open(_log_of(records, record), "ab") as log:
         log_from = log.tell()
         child = _supervised(record, command, environment, log)
-    records.children[container] = child
-    await_program(child, container)
+    assert child.stdin is not None
     facts = stat(child.pid)
-    return {
-        **record,
-        "pid": child.pid,
-        "log_from": log_from,
-        "ticks": facts.started if facts else 0,
-        "boot": boot_id(),
-        "started_at": stamp(time.time()),
-    }
+    try:
+        yield {
+            **record,
+            "pid": child.pid,
+            "log_from": log_from,
+            "ticks": facts.started if facts else 0,
+            "boot": boot_id(),
+            "started_at": stamp(time.time()),
+        }
+    except BaseException:
+        child.stdin.close()  # without a word the leader ends
+        child.wait()
+        raise
+    records.children[container] = child
+    with suppress(BrokenPipeError), child.stdin as gate:  # if the leader was killed, its state says so
+        gate.write(b"\n")
+    await_program(child, container)
 
 
 def _supervised(record: Record, command: Sequence[str], environment: dict[str, str], log: IO[bytes]) -> Child:
@@ -85,7 +96,7 @@ def _supervised(record: Record, command: Sequence[str], environment: dict[str, s
     try:
         return subprocess.Popen(
             [sys.executable, "-I", "-S", lead.__file__, "/bin/sh", "-c", SUPERVISE, "rorg", *command],
-            stdin=subprocess.DEVNULL,
+            stdin=subprocess.PIPE,
             stdout=log,
             stderr=subprocess.STDOUT,
             env=environment,
