@@ -114,7 +114,7 @@ class Missing(Invalid):
 
 class EngineError(RorgError):
     """The engine refused. `kind` is stable: missing_image, name_taken, missing_device, forbidden, unsupported, gone,
-    conflict, spent, left_running, in_use, foreign or other."""
+    conflict, spent, left_running, in_use, no_space, foreign or other."""
 
     code = Exit.NOT_READY
 

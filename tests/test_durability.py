@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import random
 import resource
@@ -9,8 +10,11 @@ import threading
 import time
 
 import commands
+import pytest
 from conftest import wait_for
+from histories import small_disk
 from robots import write_tree
+from rorg_process import RorgProcess
 
 from rorg.client import Client, Error, NotFound
 from rorg.core.masking import Masker
@@ -146,7 +150,7 @@ def test_a_caller_that_gives_up_waiting_stops_no_other_change(tmp_path):
     committer.stop()
 
 
-def test_a_request_is_acted_on_while_it_is_written_and_forgotten_if_it_cannot_be(tmp_path):
+def test_a_request_is_acted_on_when_it_is_in_its_place_and_never_if_the_disk_refuses(tmp_path):
     state, seen = StateDir(tmp_path).prepare(), []
     leases = Leases(state.requests, Recorder(state, print, lambda: "2026-01-01T00:00:00Z", Masker()))
     file = RequestsFile(state.requests)
@@ -164,15 +168,15 @@ def test_a_request_is_acted_on_while_it_is_written_and_forgotten_if_it_cannot_be
         return committer.submit(lambda asked: asked.put(Request(id, "developer", ("arm",))))
 
     assert put("kept").result(10) == 1
-    assert seen == [({"kept"}, False)]
+    assert seen == [({"kept"}, True)]
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (0, limits[1]))  # no file may grow
     try:
         assert isinstance(put("lost").exception(10), Unreachable)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    assert seen[1:] == [({"kept", "lost"}, True), ({"kept"}, True)]
-    assert put("next").result(10) == 4
+    assert not seen[1:]
+    assert put("next").result(10) == 2
     assert {r.id for r in leases.document().requests} == {"kept", "next"}
 
     before = state.requests.read_text()
@@ -181,3 +185,33 @@ def test_a_request_is_acted_on_while_it_is_written_and_forgotten_if_it_cannot_be
     committer.submit(lambda asked: asked.put(Request("kept", "developer", ("gripper",)))).result(10)
     assert texts != [before], "what an acknowledged request asked for counts until another one is in its place"
     committer.stop()
+
+
+def test_a_full_disk_refuses_a_request_and_starts_nothing_twice(tmp_path):
+    """What the disk does not take is not acted on; a crashed service comes back once there is room, once."""
+    with small_disk(tmp_path / "disk", "8m") as disk:
+        (disk / "robot").mkdir()
+        begun = tmp_path / "begun"
+        services = {
+            "arm": {"command": ["sh", "-c", f"echo arm >> {begun}; exec sleep 600"], "always_on": True},
+            "cam": {"command": ["sh", "-c", f"echo cam >> {begun}; exec sleep 600"]},
+        }
+        robot = RorgProcess(disk / "robot", services)
+        try:
+            robot.start()
+            client = robot.client()
+            wait_for(lambda: begun.exists() and client.service("arm")["health"] == "Healthy")
+            with contextlib.suppress(OSError), (disk / "more").open("wb", 0) as file:
+                while file.write(bytes(1024)):
+                    pass
+            with pytest.raises(Error, match="No space left on device"):
+                client.request("cam", id="work", ttl=None)
+            robot.kill_service(client.service("arm")["pid"])
+            wait_for(lambda: "No space left" in str(client.why("arm")))
+            assert begun.read_text().split() == ["arm"]
+            (disk / "more").unlink()
+            wait_for(lambda: client.service("arm")["health"] == "Healthy")
+            client.request("cam", id="work", ttl=None, wait=30)
+            assert begun.read_text().split() == ["arm", "arm", "cam"]
+        finally:
+            robot.close()

@@ -25,6 +25,7 @@ from rorg.engines.make import make_engine
 from rorg.engines.process.engine import ProcessEngine
 from rorg.engines.process.log import KEPT, SLACK, follow_lines, read_lines, trim_log
 from rorg.engines.process.table import MARK, marked, pids
+from rorg.errors import EngineError
 from rorg.store.state_dir import StateDir
 
 MANY, FEW_FILES = 80, 96
@@ -66,9 +67,9 @@ def test_no_program_starts_whose_run_the_disk_does_not_take(tmp_path):
             while True:
                 file.write(bytes(4096))
         for _ in range(3):
-            with pytest.raises(OSError, match="No space left"):
+            with pytest.raises(EngineError, match="No space left"):
                 engine.start(container)
-        with pytest.raises(OSError, match="No space left"):
+        with pytest.raises(EngineError, match="No space left"):
             engine.create("y", {"image": "x", "command": program}, LABELS)
         assert [path.name for path in engine.records.directory.iterdir()] == [container]
         assert not (tmp_path / "begun").exists()

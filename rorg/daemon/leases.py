@@ -33,8 +33,6 @@ class Leases:
         self.file, self.recorder = RequestsFile(path), recorder
         self.committed: RequestsFile | None = None
         """The file as the API writes it, if there is one: what it has written need not be read."""
-        self._ahead: RequestsDocument | None = None
-        """The content that was being written there at the last look."""
         self._lock = threading.Lock()
         """Held so that no renewed request is dropped, and none that is being dropped is renewed."""
         self._renewals: dict[Key, int] = {}
@@ -47,7 +45,6 @@ class Leases:
         """Read the file if it has changed."""
         try:
             if self.committed is not None:
-                self._ahead = self.committed.ahead
                 self.file.take(self.committed)
             self.file.read()
             self.file.keep()
@@ -55,10 +52,8 @@ class Leases:
             self.recorder.when_new("requests-not-kept", str(error), "requests-not-kept", str(error))
 
     def document(self) -> RequestsDocument:
-        """What counts now: the last good content, or what is being written if that may be acted on already."""
-        if self._ahead is not None:
-            self.read()  # it is written, or could not be
-        document = self._ahead or self.file.document
+        """What counts now: the last good content."""
+        document = self.file.document
         return replace(document, suspended=UNKNOWN) if self.file.diagnostics and not self.file.good else document
 
     def renewals(self) -> dict[Key, int]:

@@ -23,8 +23,9 @@ from rorg.core.plan import Action
 from rorg.engines.protocol import Lifecycle, ManagedNodes, Objects
 from rorg.errors import EngineError, RorgError, TimedOut, Unreachable, advice
 
-STATE = ("gone", "conflict", "name_taken", "spent", "left_running")
-"""Kinds of errors that mean that the container was in a different state than expected; the engine did not refuse."""
+NO_REFUSAL = ("gone", "conflict", "name_taken", "spent", "left_running", "no_space")
+"""Kinds of errors that say nothing against what was asked: the container was in a different state than expected, or the
+disk is full."""
 
 
 def failure(action: Action, error: RorgError) -> Outcome:
@@ -33,7 +34,7 @@ def failure(action: Action, error: RorgError) -> Outcome:
     return Outcome(
         action,
         error.why + advice(error.remedy),
-        refused=kind not in (*STATE, "no answer"),
+        refused=kind not in (*NO_REFUSAL, "no answer"),
         missing=kind == "missing_image",
         spent=kind == "spent",
         unsupported=kind == "unsupported",

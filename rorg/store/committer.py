@@ -63,9 +63,8 @@ class Committer:
         """`changed` is called for every write with whether anything changed, and returns the generation, as soon as the
         loop may act on it. Callers are answered when it is on the disk.
 
-        In between, only a loss of power can take a change back, which ends all that the loop has started too. What
-        only adds requests is acted on even before it is written. If rorg is killed then, the caller has not been told
-        that it was accepted; the next rorg finds services that nobody requests, and lets them idle again."""
+        In between, only a loss of power can take a change back, which ends all that the loop has started too. Nothing
+        is acted on before it is in its place: what the disk refuses was never asked for."""
         self.file, self.changed = file, changed
         self._turns, self._news, self._stopped = Turns(), threading.Condition(), False
         self._thread = threading.Thread(target=self._run, name="committer", daemon=True)
@@ -119,8 +118,6 @@ class Committer:
         try:
             self.file.change(apply, False, lambda: generations.append(self.changed(True)))
         except Exception as error:
-            if generations:
-                self.changed(True)  # the loop must forget what was not written
             if len(batch) > 1:
                 for entry in batch:  # one broken change must not affect the others
                     self._commit([entry])

@@ -38,11 +38,6 @@ class RequestsDocument:
         # In its old place: the first request is served first, however often it is renewed.
         return replace(self, requests=tuple(request if r.key == request.key else r for r in self.requests))
 
-    def only_adds_to(self, before: RequestsDocument) -> bool:
-        """Whether all that differs from before are more requests."""
-        old = before.requests
-        return self.requests[: len(old)] == old and replace(self, requests=old) == before
-
     def up(self) -> RequestsDocument:
         """As of a robot that is no longer down."""
         return replace(self, down=False, down_since="", purge=False, forget=False)

@@ -28,8 +28,6 @@ class RequestsFile:
         """Whether any content has been good yet."""
         self.written: tuple[RequestsDocument, tuple[int, ...] | None] = self.document, None
         """The content that was last written here, with its stamp."""
-        self.ahead: RequestsDocument | None = None
-        """The content that is being written, while the loop may act on it already."""
         self.diagnostics: list[Diagnostic] = []
         """The errors of the current content; the last good one counts meanwhile."""
 
@@ -96,8 +94,8 @@ class RequestsFile:
     ) -> RequestsDocument:
         """Apply `edit` to the current content and replace the file. Raises Invalid if the file is broken: a person must
         fix it first, so that their edit is not lost. Without `notify` the caller tells the loop itself: `known` is
-        called when the loop may act on the change, if there is one. It may still have to reach the disk then, and if it
-        only adds requests, it is not even written: see Committer."""
+        called when the loop may act on the change, if there is one: it is in its place then, and only a loss of power
+        can take it back."""
         with locked(self.path.with_name(".requests.lock")):
             self.read()
             if self.diagnostics:
@@ -113,21 +111,12 @@ class RequestsFile:
             return self.document
 
     def _replace(self, changed: RequestsDocument, known: Callable[[], None]) -> None:
-        ahead = changed.only_adds_to(self.document)
-
         def placed() -> None:
             self.document, self._stamp = changed, self._now()
-            self.written, self.ahead = (self.document, self._stamp), None
-            if not ahead:
-                known()
-
-        if ahead:
-            self.ahead = changed
+            self.written = self.document, self._stamp
             known()
-        try:
-            write_atomic(self.path, render(changed), placed=placed)
-        finally:
-            self.ahead = None
+
+        write_atomic(self.path, render(changed), placed=placed)
 
 
 def _content(path: Path) -> tuple[RequestsDocument | None, list[Diagnostic], bool]:

@@ -140,7 +140,7 @@ class ProcessEngine:
             self.records.folder(container).mkdir(mode=0o700)
             try:
                 self._write(record)
-            except OSError:
+            except EngineError:
                 self.records.folder(container).rmdir()
                 raise
             return container
