@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import os
 import re
@@ -63,9 +64,9 @@ def test_no_program_starts_whose_run_the_disk_does_not_take(tmp_path):
         engine = ProcessEngine("me", disk / "containers")
         program = ["sh", "-c", f"echo begun >> {tmp_path}/begun; exec sleep 600"]
         container = engine.create("x", {"image": "x", "command": program}, LABELS)
-        with pytest.raises(OSError, match="No space left"), open(disk / "log", "wb", buffering=0) as file:
-            while True:
-                file.write(bytes(4096))
+        with contextlib.suppress(OSError), (disk / "log").open("wb", 0) as file:
+            while file.write(bytes(4096)):
+                pass
         for _ in range(3):
             with pytest.raises(EngineError, match="No space left"):
                 engine.start(container)

@@ -8,6 +8,7 @@ from dataclasses import replace
 import pytest
 from commands import rorg
 from robots import WORK, RealRobot, VirtualRobot, handed_on, write_tree
+from test_status_rules import statuses
 from test_updates import failed, later, retry, running
 
 from rorg.core.standing import Standing, standing
@@ -120,6 +121,29 @@ def test_several_editions_are_in_quarantine_also_for_the_next_rorg(virtual):
     retry(virtual, "nav")
     virtual.wait(lambda: virtual.container("nav").digest == virtual.sim.desired.digests["nav"])
     assert not virtual.sim.document.retries, "it is heard once"
+
+
+@pytest.mark.parametrize("driver", [False, True])
+def test_what_failed_does_not_run_again_when_what_was_proven_is_lost(virtual, driver):
+    virtual.declare({"nav": {**WELL, "driver": driver}})
+    virtual.settle()
+    bad = changed(1, driver=driver, update={"when": "now"})
+    virtual.declare({"nav": bad})
+    digest = spoil(virtual, "nav", "exit")
+    virtual.wait(lambda: "its change failed" in virtual.waits("nav") and len(virtual.containers()) == 1)
+    virtual.kill("nav")
+    virtual.drift("remove", "nav")
+    later(virtual, 60)
+    assert not virtual.containers()
+    status = statuses(virtual)["nav"]
+    assert (status.health, status.sync) == ("Degraded", "OutOfSync")
+    assert "ended with exit code" in status.trouble
+    assert "its previous container is gone" in virtual.waits("nav")
+    assert "`rorg retry nav`" in virtual.waits("nav")
+    virtual.sim.faults.bad.clear()
+    retry(virtual, "nav")
+    virtual.wait(lambda: statuses(virtual)["nav"].health == "Healthy")
+    assert virtual.container("nav").digest == digest
 
 
 def test_quarantine_does_not_grow_without_bound():

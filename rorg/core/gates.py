@@ -14,7 +14,7 @@ from rorg.core.ros_parameters import due
 from rorg.core.situation import View
 from rorg.core.steps import Step
 from rorg.model.catalog import Service
-from rorg.model.codes import DEVICE, INTERLOCK, PARAMETERS, REMOVAL, ROOM
+from rorg.model.codes import DEVICE, FAILED, INTERLOCK, PARAMETERS, REMOVAL, ROOM
 from rorg.model.joining import ends_with
 from rorg.model.units import format_seconds
 
@@ -122,7 +122,7 @@ def _back_off(view: View, name: str, operation: Operation) -> Waiting | None:
         return not_removed(name, operation.container, why, tried.at)
     word = "stalled" if memory.stalled else "failed"
     reason = Timed(f"{operation.verb} {word}: {tried.error or 'no effect'}; again in ", tried.at)
-    return Waiting(name, reason, tried.at, "failed")
+    return Waiting(name, reason, tried.at, FAILED)
 
 
 def _ends_anyway(view: View, service: Service) -> bool:

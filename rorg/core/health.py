@@ -15,7 +15,9 @@ def health_of(situation: Situation, name: str, ready: bool, reason: str, image: 
     waiting for an image."""
     if name not in situation.wanted:
         return kept_out(situation, name) or Health.IDLE
-    if image == NO_IMAGE or (not ready and situation.memory.of(name).stalled):
+    progress = situation.memory.of(name)
+    is_lost = reason == "NoContainer" and progress.update.is_rejected  # what failed is not run again
+    if image == NO_IMAGE or is_lost or (not ready and progress.stalled):
         return Health.DEGRADED
     if ready and not image:
         return Health.COMPLETED if reason == "Completed" else Health.HEALTHY

@@ -18,7 +18,7 @@ from rorg.core.situation import View
 from rorg.core.steps import Chain, Step, adjust, awaken, away, cannot_go_on, passing_name, restarting, stop, stops
 from rorg.core.swap import Swap
 from rorg.model.catalog import Service, Spec
-from rorg.model.codes import DEVICE
+from rorg.model.codes import DEVICE, FAILED
 
 
 def chain(view: View, service: Service) -> Chain:
@@ -51,6 +51,9 @@ class _Reconciled:
             return self.stay(swap, current, stale)
         if not (name in self.s.wanted or self.keeps(current is not None)):
             return self.clear(pairs, False)
+        if swap.lost:
+            self.notes.append(Waiting(name, swap.lost, code=FAILED))
+            return [step for c, _ in pairs for step in away(c, swap.lost, self.service)]
         if swap.old and (why := self.must_restart(swap.old)):
             ended = [stop(swap.old, why, self.service)]
             return restarting(swap.old, [*ended, *self.run(swap.old, ended)])
@@ -123,7 +126,7 @@ class _Reconciled:
         old, new = swap.old, current and current[0]
         assert old is not None
         if swap.failed:
-            self.notes.append(Waiting(self.name, swap.failed, code="failed"))
+            self.notes.append(Waiting(self.name, swap.failed, code=FAILED))
         if not (self.name in self.s.wanted or self.keeps(True)):
             return self.clear([p for p in (*stale, current) if p], False)
         why = f"back to the previous container: {swap.update.failed}" if swap.failed else "changed"

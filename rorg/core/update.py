@@ -54,6 +54,12 @@ class Update:
         """Why the desired edition is not tried; "" if it may be."""
         return self.quarantined.get(self.edition) or self.drawn
 
+    @property
+    def is_rejected(self) -> bool:
+        """Whether a container of the desired edition failed on trial. A probe that failed beside a container that was
+        proven rejects none."""
+        return bool(self.rejected) and self.edition in self.quarantined
+
     def quarantine(self, error: str, now: float) -> Update:
         """Return the update with the desired edition quarantined."""
         last = list(self._others().items())[-(MOST - 1) :]
