@@ -94,6 +94,42 @@ def test_what_does_not_answer_its_live_probe_within_its_bake_is_undone(virtual):
     assert "did not answer" in virtual.waits("nav")
 
 
+@pytest.mark.parametrize("before", [{}, {"live": {"tcp": 2}}], ids=["none before", "another before"])
+def test_a_new_live_probe_ends_nothing_before_it_has_held(virtual, before):
+    """It may be wrong, and the program is fine."""
+    virtual.declare({"nav": {**WELL, **before}})
+    virtual.settle()
+    later(virtual, 60)
+    run = virtual.run_of("nav")
+    virtual.declare({"nav": {**WELL, "live": {"tcp": 1, "interval": "1s"}}})
+    virtual.sim.hung.add(run)
+    later(virtual, 20)
+    virtual.sim.reborn(handed_on(virtual.sim.decision))
+    later(virtual, 120)
+    assert virtual.run_of("nav") == run
+    found = statuses(virtual)["nav"]
+    assert "its change failed: did not answer" in found.trouble
+    assert found.condition("Ready").status == "True"
+    virtual.sim.hung.clear()
+    retry(virtual, "nav")
+    later(virtual, 60)
+    assert not statuses(virtual)["nav"].trouble
+    virtual.sim.hung.add(run)
+    virtual.wait(lambda: virtual.run_of("nav") != run)
+
+
+def test_a_proven_live_probe_counts_also_while_another_change_bakes(virtual):
+    spec = {**WELL, "live": {"tcp": 1, "interval": "1s"}}
+    virtual.declare({"nav": spec})
+    virtual.settle()
+    later(virtual, 60)
+    run = virtual.run_of("nav")
+    virtual.declare({"nav": {**spec, "ready": {"tcp": 1}, "update": {"bake": "10m"}}})
+    later(virtual, 10)
+    virtual.sim.hung.add(run)
+    virtual.wait(lambda: virtual.run_of("nav") != run)
+
+
 # -- quarantine ------------------------------------------------------------------------------------------------
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from rorg.core.desired import Desired, desire
+from rorg.core.desired import Desired, desire, live_digest
 from rorg.core.memory import NONE, Attempt, Memory, ProbeResult, Progress
 from rorg.core.observed import Container, Observed
 from rorg.core.operations import Create, Start
@@ -41,7 +41,8 @@ EDITION = Update(edition="now", since=80.0)
 STARTING = Progress(incarnation=RUN, running_since=EARLIER, update=EDITION)
 WELL = replace(STARTING, ready=True, was_ready=True, well_since=EARLIER)
 """Ready for ten seconds; a bake of two seconds ended at 92."""
-BAKED = {"update": replace(EDITION, baked="now")}
+BAKED = {"update": replace(EDITION, baked="now", live="none")}
+ANSWERED = {"update": replace(EDITION, baked="now", live=live_digest(WATCHED))}
 FAILED = {"start": Attempt(error="no")}
 OLD = Container("b" * 64, "base.old", "base", "exited", "2026-01-01T10:00:00Z")
 
@@ -120,12 +121,12 @@ def test_its_probe_must_answer_after_the_bake(ready, more, changed):
 
 def test_its_live_probe_must_answer_too():
     assert changes(WELL, base(), service=WATCHED) == {"unproven_since": 92.0}
-    assert changes(WELL, base(), service=WATCHED, live=said()) == BAKED
+    assert changes(WELL, base(), service=WATCHED, live=said()) == ANSWERED
     assert changes(WELL, base(), service=WATCHED, live=said(False), now=500.0) == {"unproven_since": 92.0}
     both = replace(PROBED, live=WATCHED.live)
     assert changes(WELL, base(), service=both, ready=said()) == {"unproven_since": 92.0}
-    assert changes(WELL, base(), service=both, ready=said(), live=said()) == BAKED
-    assert changes(replace(WELL, was_ready=False), base(), service=WATCHED) == BAKED, "it is not asked yet"
+    assert changes(WELL, base(), service=both, ready=said(), live=said()) == ANSWERED
+    assert changes(replace(WELL, was_ready=False), base(), service=WATCHED) == ANSWERED, "it is not asked yet"
 
 
 @pytest.mark.parametrize(
@@ -179,7 +180,7 @@ def test_a_task_that_has_ended_well_has_passed():
 # -- changes of the probes alone -------------------------------------------------------------------------------
 
 
-PROBES = replace(STARTING, update=replace(EDITION, since=95.0))
+PROBES = replace(STARTING, update=replace(EDITION, since=95.0, earlier_run=RUN))
 """A run that began before its probes changed."""
 
 
@@ -202,7 +203,7 @@ def test_a_run_that_does_not_answer_new_probes_in_time_is_no_longer_ready():
 
 
 def test_a_ready_run_that_denies_its_new_probe_has_the_time_of_the_probe():
-    known = replace(WELL, update=replace(EDITION, since=95.0))
+    known = replace(WELL, update=PROBES.update)
     denied = said(False, at=125.0)
     more = {"service": PROBED, "ready": denied, "looked": 125.0}
     assert changes(known, base(), now=124.9, **more) == {"unproven_since": 95.0}
@@ -218,7 +219,7 @@ def test_a_run_that_was_ready_or_hangs_fails_with_what_its_probe_said():
     assert changes(told, base(), service=PROBED) == lost("no longer ready: refused", was_ready=False)
     hung = replace(PROBES, hung=RUN, error="did not answer")
     assert changes(hung, base(), service=WATCHED) == {}, "it is restarted instead"
-    for update in ({"quarantined": {"now": "bad"}}, {"baked": "now"}, {"since": EARLIER}):
+    for update in ({"quarantined": {"now": "bad"}}, {"baked": "now"}, {"earlier_run": ""}):
         known = replace(was, update=replace(was.update, **update))
         assert changes(known, base(), service=PROBED) == {}
     assert changes(was, base(digest="another"), service=PROBED) == {}
@@ -239,13 +240,11 @@ def test_the_new_container_is_the_one_with_an_unproven_predecessor():
 
 
 def test_a_trial_that_stays_well_is_proven():
-    assert changes(WELL, NEW, OLD) == {"update": replace(EDITION, baked="now", proven=NEW.id)}
+    assert changes(WELL, NEW, OLD) == {"update": replace(BAKED["update"], proven=NEW.id)}
     together = replace(BASE, update=Updating(atomic="motion"))
     assert changes(WELL, NEW, OLD, service=together, sets={"motion": ("base", "arm")}) == BAKED
-    assert changes(WELL, NEW, OLD, service=together, sets={}) == {
-        "update": replace(EDITION, baked="now", proven=NEW.id)
-    }
-    assert changes(replace(WELL, **BAKED), NEW, OLD) == {"update": replace(EDITION, baked="now", proven=NEW.id)}
+    assert changes(WELL, NEW, OLD, service=together, sets={}) == {"update": replace(BAKED["update"], proven=NEW.id)}
+    assert changes(replace(WELL, **BAKED), NEW, OLD) == {"update": replace(BAKED["update"], proven=NEW.id)}
     another = {"update": replace(EDITION, proven=NEW.id)}
     assert changes(WELL, replace(NEW, digest="another"), OLD) == another, "the manifest has changed again"
     assert changes(replace(WELL, exited=RUN, error="bad"), NEW, OLD)["update"].proven == NEW.id

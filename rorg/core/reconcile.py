@@ -47,13 +47,10 @@ class _Reconciled:
         current = next(((c, d) for c, d in usable if not d.recreate and c.id not in self.moved), None)
         stale = [(c, d) for c, d in pairs if current is None or c is not current[0]]
         swap = Swap(self.view, self.service, current and current[0], self.worth(stale), self.changed(stale))
-        if swap.stays and swap.old:
+        if swap.stays and (swap.old or swap.lost):
             return self.stay(swap, current, stale)
         if not (name in self.s.wanted or self.keeps(current is not None)):
             return self.clear(pairs, False)
-        if swap.lost:
-            self.notes.append(Waiting(name, swap.lost, code=FAILED))
-            return [step for c, _ in pairs for step in away(c, swap.lost, self.service)]
         if swap.old and (why := self.must_restart(swap.old)):
             ended = [stop(swap.old, why, self.service)]
             return restarting(swap.old, [*ended, *self.run(swap.old, ended)])
@@ -121,16 +118,18 @@ class _Reconciled:
         current: tuple[Container, Difference] | None,
         stale: list[tuple[Container, Difference]],
     ) -> list[Step]:
-        """Return the steps that keep or restore the previous container, because the new one cannot be created or did
-        not come up."""
+        """Return the steps that keep or restore the previous container, unless it is lost: the new one cannot be
+        created or did not come up."""
         old, new = swap.old, current and current[0]
-        assert old is not None
         if swap.failed:
             self.notes.append(Waiting(self.name, swap.failed, code=FAILED))
         if not (self.name in self.s.wanted or self.keeps(True)):
             return self.clear([p for p in (*stale, current) if p], False)
-        why = f"back to the previous container: {swap.update.failed}" if swap.failed else "changed"
+        goal = "back to the previous container" if old else "its change failed"
+        why = f"{goal}: {swap.update.failed}" if swap.failed else "changed"
         others = [c for c, _ in stale if c is not old] + ([] if new is None else [new])
+        if old is None:
+            return [replace(s, part_of=Part.REPLACE) for c in others for s in away(c, why, self.service)]
         steps = [stop(c, why, self.service) for c in others if c.alive]
         steps += [
             s
@@ -139,8 +138,7 @@ class _Reconciled:
         ]
         steps += self.run(old, steps)
         left = [c for c in others if c is not swap.spare]
-        gone = [c for c in left if c.state != "removing"]
-        steps += [Step(Remove(container=c.id, last_words=c is new), why) for c in gone]
+        steps += [Step(Remove(container=c.id, last_words=c is new), why) for c in left if c.state != "removing"]
         if left:
             return [replace(s, part_of=Part.REPLACE, reason=why) for s in steps]
         steps = restarting(old, steps)

@@ -12,8 +12,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from rorg.core.changes import updated
-from rorg.core.desired import Desired
+from rorg.core.desired import Desired, live_digest
 from rorg.core.diff import difference
+from rorg.core.liveness import denies_life, is_live_untried
 from rorg.core.memory import NO_ANSWER, STABLE, Memory, ProbeResult, Progress
 from rorg.core.observed import Container
 from rorg.core.operations import Start
@@ -71,7 +72,7 @@ def renewed(progress: Progress, edition: str, now: float) -> Progress:
         return progress
     if not update.edition:
         return replace(progress, update=replace(update, edition=edition))
-    update = replace(update, edition=edition, since=now, interrupted=0)
+    update = replace(update, edition=edition, since=now, interrupted=0, earlier_run=progress.incarnation)
     return replace(progress, exits=0, attempts={}, error="", update=update)
 
 
@@ -153,12 +154,15 @@ def _judged_alone(
     update = progress.update
     if update.baked == update.edition or not fits(current, service.name, desired):
         return _awaiting(progress, None)
+    earlier = progress.incarnation == update.earlier_run and not update.failed
+    if earlier and is_live_untried(progress, service) and denies_life(progress, service, evidence.live):
+        assert evidence.live is not None
+        return failed(_awaiting(progress, None), f"did not answer ({evidence.live.message})", evidence.now)
     verdict = _verdict(progress, service, current, evidence)
     progress = _awaiting(progress, verdict.since)
     if verdict.passed:
         return _baked(progress, service, current, desired)
-    began, hangs = progress.running_since, progress.hung == progress.incarnation
-    if verdict.error and began is not None and not hangs and update.since > began and not update.failed:
+    if verdict.error and earlier and progress.running_since is not None and progress.hung != progress.incarnation:
         return replace(failed(progress, verdict.error, evidence.now), ready=False, was_ready=False, well_since=None)
     return progress
 
@@ -239,7 +243,7 @@ def _baked(progress: Progress, service: Service, current: Container, desired: De
         return progress
     if service.on_change != "none" and update.changed_content(current, desired.contents.get(name, {})):
         return progress  # this run has not read the present content
-    return replace(progress, update=replace(update, baked=update.edition))
+    return replace(progress, update=replace(update, baked=update.edition, live=live_digest(service)))
 
 
 def failed(progress: Progress, error: str, now: float, container: str = "") -> Progress:

@@ -47,8 +47,8 @@ class Swap:
         if self.update.failed:
             more = f"until it is changed again, or `rorg retry {service.name}`"
             self.failed = f"its change failed ({self.update.failed}); it stays as it was {more}"
-        self.lost = ""
-        """Why nothing runs, in words: what it would go back to is gone, and what failed is not run again."""
+        self.lost = False
+        """Whether nothing may run: what it would go back to is gone, and what failed is not run again."""
         pair = candidate([c for c in (new, *stale) if c], self.update)
         if pair and (new is None or pair[0] is new) and pair[1] in stale:
             self.new, self.old = new, pair[1]
@@ -58,8 +58,8 @@ class Swap:
         elif new is None and stale and set(changed) != {NODES}:
             self.old = stale[0] if self.worthy(stale[0]) else None
         if self.old is None and self.update.is_rejected and (new is None or new.id == self.update.rejected):
-            more = f"change it again, or `rorg retry {service.name}`"
-            self.lost = f"its change failed ({self.update.failed}), and its previous container is gone; {more}"
+            self.lost, more = True, f"change it again, or `rorg retry {service.name}`"
+            self.failed = f"its change failed ({self.update.failed}), and its previous container is gone; {more}"
 
     @property
     def stays(self) -> bool:

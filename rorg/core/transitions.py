@@ -7,8 +7,9 @@ whether a service needs another look.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, TypeGuard
+from typing import Any
 
+from rorg.core.liveness import after_live, is_of_run
 from rorg.core.memory import DEFAULT_GRACE, STABLE, CountedOn, ProbeResult, Progress, delay
 from rorg.core.observed import PROCESS_GONE, Container, Observed
 from rorg.core.operations import Start
@@ -68,7 +69,7 @@ def advanced(progress: Progress, service: Service, evidence: Evidence) -> Progre
         progress = _ended_with_another(progress, service, evidence)
         progress = _exit(_excused(progress, service, current, evidence), service, current, evidence)
     progress = _ready(progress, service, evidence.ready, now)
-    progress = _live(progress, service, evidence.live, now) if evidence.wanted and not evidence.busy else progress
+    progress = after_live(progress, service, evidence.live, now) if evidence.wanted and not evidence.busy else progress
     progress = _relied_on(progress, service, evidence.wanted, now)
     return _patient(_well(progress, now)) if evidence.unplugged else _well(progress, now)
 
@@ -225,7 +226,7 @@ def _ready(progress: Progress, service: Service, result: ProbeResult | None, now
         # would wake up for ever without effect.
         is_due = not progress.ready and now >= progress.running_since + service.ready.delay
         return replace(progress, ready=True, was_ready=True) if is_due else progress
-    if not _fits(result, progress):
+    if not is_of_run(result, progress):
         return progress
     if result.ok and result.at != progress.answered:
         progress = replace(progress, answered=result.at)
@@ -259,36 +260,9 @@ def _still_ready(progress: Progress, result: ProbeResult, failures: int) -> Prog
     return replace(progress, denied=result.at, probe=result.message) if result.at != progress.denied else progress
 
 
-def _live(progress: Progress, service: Service, result: ProbeResult | None, now: float) -> Progress:
-    """Count a service that stopped answering its `live` probe as ended; the planner then stops it. If it answers again
-    before that, take the count back."""
-    if service.live is None or not _fits(result, progress):
-        return progress
-    if progress.hung == progress.incarnation:
-        if not result.ok:
-            return progress
-        exits, crashes = max(0, progress.exits - 1), progress.crashes - 1
-        return replace(progress.start_forgotten(), hung="", exits=exits, crashes=crashes, error="")
-    if result.failures < service.live.failures:
-        return progress
-    exits = progress.exits + 1
-    progress = replace(progress, hung=progress.incarnation, exits=exits, crashes=progress.crashes + 1)
-    return progress.start_after(now + delay(exits), f"did not answer ({result.message})")
-
-
 def _well(progress: Progress, now: float) -> Progress:
     """Note since when a run has been ready and answering."""
     well = progress.ready and progress.hung != progress.incarnation
     if well == (progress.well_since is not None):
         return progress
     return replace(progress, well_since=now if well else None)
-
-
-def _fits(result: ProbeResult | None, progress: Progress) -> TypeGuard[ProbeResult]:
-    """Return whether a result is about this run: the same incarnation, and from after the last resume."""
-    return (
-        result is not None
-        and progress.running_since is not None
-        and result.incarnation == progress.incarnation
-        and result.at >= progress.running_since
-    )

@@ -35,6 +35,10 @@ class Update:
     """Id of the container that passed its trial, while the previous one still exists."""
     baked: str = ""
     """The edition that stayed well last."""
+    live: str = ""
+    """Digest of the `live` probe that held for a whole bake last; "" if none was proven by a rorg that notes it."""
+    earlier_run: str = ""
+    """The incarnation that ran when the desired edition became desired."""
     crashing: Mapping[str, str] = field(default_factory=dict)
     """Edition that ended again and again, though rorg goes on starting it -> why; oldest first. A release or a restart
     of rorg repairs nothing, so it stays until a run of this edition has stayed well, or a person retries."""

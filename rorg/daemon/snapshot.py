@@ -189,6 +189,8 @@ def run_json(step: Progress, now: float) -> dict[str, Any]:
         "drawn": update.drawn,
         "proven": update.proven,
         "baked": update.baked,
+        "live": update.live,
+        "earlier_run": update.earlier_run,
         "loaded": update.run,
         "stopped_before": list(step.stopped[:-1]),
         "content": dict(update.content),

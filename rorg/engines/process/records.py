@@ -75,7 +75,9 @@ class Records:
             write_atomic(self.folder(record["id"]) / "record.json", json.dumps(record), mode=0o600)
         except OSError as error:
             why = error.strerror or str(error)
-            raise EngineError(f"write the record of {record['name']}", why, "to free space there", "no_space") from error
+            raise EngineError(
+                f"write the record of {record['name']}", why, "to free space there", "no_space"
+            ) from error
 
     def state(self, record: Record) -> tuple[str, int | None]:
         """(created, running, paused or exited; the exit code of the last run). Raises Unreachable."""
