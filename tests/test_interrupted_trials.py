@@ -3,6 +3,9 @@ nothing about the change, so the trial is repeated."""
 
 from __future__ import annotations
 
+import os
+import subprocess
+
 import pytest
 from conftest import wait_for
 from dockerd import own_dockerd
@@ -48,6 +51,20 @@ def test_a_trial_that_ended_with_engine_and_rorg_is_repeated(tmp_path, order):
         assert running(robot) == new
         daemon.stop()
         robot.close()
+
+
+@pytest.mark.docker
+@pytest.mark.parametrize("verb", ["stop", "kill"])
+def test_a_trial_that_a_person_ends_by_hand_is_repeated(tmp_path, dockerd, verb):
+    robot = RealRobot(tmp_path, "docker", dockerd.host)
+    daemon, new = trial(robot)
+    [container] = [c for c in robot.engine.list() if c.state == "running"]
+    subprocess.run(["docker", verb, container.id], check=True, env={**os.environ, "DOCKER_HOST": dockerd.host})
+    wait_for(lambda: [c for c in robot.engine.list() if c.state == "running" and c.started_at > container.started_at])
+    robot.client(patience=60.0).wait("nav", timeout=60)
+    assert running(robot) == new
+    daemon.stop()
+    robot.close()
 
 
 def test_a_trial_that_was_killed_while_no_rorg_ran_is_repeated(tmp_path):

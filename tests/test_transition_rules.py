@@ -402,6 +402,26 @@ def test_failures_without_the_device_are_forgotten():
     assert changes(replace(UP, attempts={"create": Attempt(error="no")}), base(), unplugged=True) == {}
 
 
+# -- ends by other hands ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("began", [None, {}], ids=["seen running", "not seen running"])
+def test_a_trial_that_a_person_stops_is_repeated(began):
+    tried = replace(UP, update=TRIED) if began is None else Progress(begun=began, update=TRIED)
+    for more in ({"signalled": True}, {}):
+        ended = base("exited", exit_code=143, **more)
+        found = after(tried, ended)
+        assert (found.update.interrupted, found.exits) == ((1, 0) if more else (0, 1))
+    known = replace(tried, update=PROVEN)
+    assert after(known, base("exited", exit_code=143, signalled=True)).exits == 1, "what is proven is only restarted"
+
+
+def test_an_outage_right_after_a_start_counts_against_nothing():
+    begun = Progress(begun={}, update=TRIED)
+    assert after(begun, base("exited", exit_code=137), outage=True).exits == 0
+    assert after(begun, base("exited", exit_code=137)).exits == 1
+
+
 # -- a process that vanished -----------------------------------------------------------------------------------
 
 

@@ -96,6 +96,8 @@ class Container:
     """The engine listed it with its state only, so it is not known which run this is."""
     vanished: bool = False
     """The engine calls it running although its process has ended."""
+    signalled: bool = False
+    """Someone else than rorg sent this run a signal to end it."""
     health: str = ""
     """Result of the engine's own health check: starting, healthy, unhealthy; "" without one."""
     stop_signal: str = ""

@@ -187,14 +187,12 @@ def _excused(progress: Progress, service: Service, current: Container | None, ev
 
 def _interrupted(progress: Progress, service: Service, current: Container, evidence: Evidence) -> bool:
     """Return whether something else may have ended a run: the engine, which did not answer (a restart of Docker ends
-    all containers) or did not notice; a reboot; or, while no rorg ran, whatever killed the program. An edition that is
-    still tried gets another try however its run ended then, because programs handle SIGTERM in their own ways. What
-    ends for good is over, and must not run twice."""
+    all containers) or did not notice; a person's `docker stop`; a reboot; or, while no rorg ran, whatever killed the
+    program. An edition that is still tried gets another try however its run ended then, because programs handle SIGTERM
+    in their own ways. What ends for good is over, and must not run twice."""
     again, tried = service.restarts_after(current.exit_code), progress.update.baked != progress.update.edition
-    if progress.incarnation == current.incarnation:
-        return again and (evidence.outage or (tried and current.vanished))
-    if progress.begun is not None:
-        return False  # this rorg began it
+    if progress.incarnation == current.incarnation or progress.begun is not None:  # this rorg saw it, or began it
+        return again and (evidence.outage or (tried and (current.vanished or current.signalled)))
     return progress.rebooted or ((current.killed or tried) and again)
 
 

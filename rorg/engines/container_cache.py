@@ -104,6 +104,14 @@ class ContainerCache:
                 self._publish(True, "")
         return changed
 
+    def note_signal(self, container: str) -> None:
+        """A run was sent a signal that ends programs, unless a call of rorg's did it."""
+        with self._lock:
+            known = self._containers.get(container)
+            if container not in self._acting and known is not None and known.alive:
+                self._containers[container] = replace(known, signalled=True)
+                self._publish(self._snapshot.complete, self._snapshot.error)
+
     def is_news(self, container: str, state: str) -> bool:
         """Return whether an event calls for a look. It may be older than the cache, because the stream lags behind the
         calls: so a state that differs is looked up, not believed."""
@@ -198,16 +206,18 @@ class ContainerCache:
             return changed
 
     def _completed(self, container: Container) -> Container:
-        """Add what the engine does not say: the number of a run that began after the first list, and whether its
-        process has ended."""
+        """Add what the engine does not say: the number of a run that began after the first list, whether its process
+        has ended, and whether someone else told it to end."""
         known = self._containers.get(container.id)
         if known is not None and (known.brief or known.started_at == container.started_at):
             number = known.start_number
         else:
             number = next(self._starts) if self._listed and (container.started_at or container.brief) else 0
         vanished = container.state == "running" and container.incarnation in self._vanished
-        same = (container.start_number, container.vanished) == (number, vanished)
-        return container if same else replace(container, start_number=number, vanished=vanished)
+        signalled = known is not None and known.signalled and known.started_at == container.started_at
+        if (container.start_number, container.vanished, container.signalled) == (number, vanished, signalled):
+            return container
+        return replace(container, start_number=number, vanished=vanished, signalled=signalled)
 
     def _publish(self, complete: bool, error: str) -> None:
         """Publish a change. As long as the engine is silent the snapshot stays incomplete."""

@@ -13,7 +13,7 @@ from rorg.engines.container_cache import ContainerCache
 from rorg.engines.heartbeat import Heartbeat, retry_after
 from rorg.engines.log_lines import Reading
 from rorg.engines.observe_objects import ObjectObserver
-from rorg.engines.protocol import Daemon, Objects, Observation
+from rorg.engines.protocol import SIGNALLED, Daemon, Objects, Observation
 from rorg.engines.vanished import EVERY, Vanished
 from rorg.errors import RorgError, Unreachable
 
@@ -187,6 +187,8 @@ class Observer:
                     attempt = 0
                     if not container:
                         self.sync()
+                    elif state == SIGNALLED:
+                        self._cache.note_signal(container)
                     elif self._cache.is_news(container, state):
                         self.refresh(container)
                         self.wake()

@@ -26,6 +26,8 @@ from rorg.model.objects import Kind
 
 LIST_EVERY = 1.0
 """Seconds between two lists of an engine without events."""
+SIGNALLED = "signalled"
+"""In place of a state: the container was sent a signal that ends programs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,9 +103,10 @@ class Observation(Protocol):
         ...
 
     def events(self, stop: Reading) -> Iterator[tuple[str, str]]:
-        """Yield the changes of our containers as (id, new state), with "" for a state that only inspect() can tell, and
-        ("", "") when everything must be listed: at the beginning of the stream, or every LIST_EVERY seconds from an
-        engine without events. Ends when `stop` is set; raises Unreachable when the stream breaks."""
+        """Yield the changes of our containers as (id, new state): "" for a state that only inspect() can tell,
+        SIGNALLED for a signal that ends programs, and ("", "") when everything must be listed, at the beginning of the
+        stream, or every LIST_EVERY seconds from an engine without events. Ends when `stop` is set; raises Unreachable
+        when the stream breaks."""
         yield "", ""
         while not stop.wait(LIST_EVERY):
             yield "", ""

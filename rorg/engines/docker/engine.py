@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import time
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -24,7 +25,7 @@ from rorg.engines.docker.ping import Pinger
 from rorg.engines.docker.release import version_text
 from rorg.engines.docker.volumes import remove_container
 from rorg.engines.log_lines import Reading
-from rorg.engines.protocol import NONE, Usage, stop_sequence
+from rorg.engines.protocol import NONE, SIGNALLED, Usage, stop_sequence
 from rorg.errors import EngineError, TimedOut, Unreachable
 from rorg.host.cgroups import container_usage, end_processes
 from rorg.model.engines import DEFAULT_ENGINE, ENGINES
@@ -35,6 +36,8 @@ if TYPE_CHECKING:
 
 TOLD = {"pause": "paused", "unpause": "running"}
 """Events that tell the whole change, so that the container need not be inspected."""
+ENDING = {str(int(number)) for number in (signal.SIGINT, signal.SIGQUIT, signal.SIGKILL, signal.SIGTERM)}
+"""Signals by which people and their tools end a program, as the engine's events name them."""
 QUICK = 2.0
 """Seconds for one inspection within a full list."""
 QUIET = ("exec_", "health_status", "attach", "top", "resize", "copy", "export")
@@ -154,8 +157,11 @@ class DockerEngine(Inside, Images):
             yield "", ""
             for line in stream.lines():
                 event = from_json(line)
-                if not event.get("Action", "").startswith(QUIET):
-                    yield event["Actor"]["ID"], TOLD.get(event["Action"], "")
+                action, about = event.get("Action", ""), event["Actor"]
+                if action == "kill" and (about.get("Attributes") or {}).get("signal") in ENDING:
+                    yield about["ID"], SIGNALLED
+                elif not action.startswith(QUIET):
+                    yield about["ID"], TOLD.get(action, "")
         if not stop.is_set():
             raise Unreachable("follow the engine's events", "the engine closed the stream")
 
