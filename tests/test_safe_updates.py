@@ -182,6 +182,25 @@ def test_what_failed_does_not_run_again_when_what_was_proven_is_lost(virtual, dr
     assert virtual.container("nav").digest == digest
 
 
+@pytest.mark.parametrize("reborn", [False, True])
+def test_a_retry_while_the_previous_container_starts_counts(virtual, reborn):
+    virtual.declare({"nav": WELL})
+    virtual.settle()
+    later(virtual, 30)
+    virtual.declare({"nav": changed(1)})
+    digest = spoil(virtual, "nav", "exit")
+    virtual.wait(lambda: virtual.sim.memory.of("nav").update.failed and len(ids(virtual)) == 1)
+    assert len(virtual.containers()) == 2
+    virtual.sim.faults.bad.clear()
+    retry(virtual, "nav")
+    if reborn:
+        virtual.wait(lambda: not virtual.sim.document.retries)
+        virtual.sim.reborn(handed_on(virtual.sim.decision))
+    later(virtual, 60)
+    assert [c.digest for c in virtual.containers()] == [digest]
+    assert stands(virtual) == "good"
+
+
 def test_quarantine_does_not_grow_without_bound():
     from rorg.core.update import MOST, Update
 

@@ -126,7 +126,7 @@ def _judged(progress: Progress, service: Service, desired: Desired, evidence: Ev
         return _judged_alone(progress, service, containers[0], desired, evidence)
     new, old = pair
     verdict = _OPEN
-    if old.alive and not new.alive and (new.started_at or new.error):
+    if old.alive and not new.alive and (new.started_at or new.error) and new.id != progress.update.spared:
         # rorg stops the previous container before it starts the new one. So an earlier run of rorg went back already,
         # and ended before it could note that.
         verdict = _Verdict(error=new.error or f"ended with exit code {new.exit_code}")

@@ -25,6 +25,8 @@ class Update:
     """Edition that failed on trial -> why; oldest first. It is not tried again unless a person asks."""
     rejected: str = ""
     """Id of the last container that failed on trial: nothing goes back to it."""
+    spared: str = ""
+    """Id of a container that failed on trial and was retried: that it has ended says nothing any more."""
     failed_at: float = -inf
     """When it was put there, by the loop's clock. A restart of rorg forgets that."""
     lifted: str = ""
@@ -91,6 +93,7 @@ class Update:
         must be proven again."""
         baked = "" if self.broken else self.baked
         free = replace(self.noting_crashes(""), quarantined=self._others(), baked=baked, rejected="")
+        free = replace(free, spared=self.rejected or self.spared)
         return replace(free, failed_at=-inf, interrupted=0)
 
     def _others(self) -> dict[str, str]:

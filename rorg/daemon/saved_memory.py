@@ -62,6 +62,7 @@ def _progress(known: Mapping[str, Any], now: float, same_boot: bool) -> Progress
         edition=said["edition"],
         quarantined=_texts(known.get("quarantined")),
         rejected=said["rejected"],
+        spared=said["spared"],
         crashing=_texts(known.get("crashing")),
         drawn=said["drawn"],
         interrupted=_count(known.get("interrupted")),

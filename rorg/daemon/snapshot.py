@@ -185,6 +185,7 @@ def run_json(step: Progress, now: float) -> dict[str, Any]:
         "edition": update.edition,
         "quarantined": dict(update.quarantined),
         "rejected": update.rejected,
+        "spared": update.spared,
         "crashing": dict(update.crashing),
         "drawn": update.drawn,
         "proven": update.proven,
