@@ -272,7 +272,7 @@ def test_what_it_waits_for_is_its_trouble():
     ],
 )
 def test_sync_says_whether_the_container_is_as_declared(seen, more, sync):
-    lingers = Plan(waitings=(Waiting("base", "not wanted; lingers for 3 s"),))
+    lingers = Plan(waitings=(Waiting("base", "lingers for 3 s"),))
     assert status(*seen, plan=lingers, **more).sync == sync
     action = Plan((Action(0, Start(container="a" * 64), "base"),))
     assert status(*seen, plan=action, **more).sync == sync

@@ -87,6 +87,9 @@ def restart(current: Current, name: str, force: bool, now: float) -> Change:
     if not names:
         raise Invalid(f"restart {name}", "a meta-service has no container", "the services that it requests")
     if not any(current.statuses[n].wanted for n in names):
+        held = next((n for n in names if n in current.decision.holds), "")
+        if held:
+            raise Refused(f"restart {name}", current.decision.holds[held], f"`rorg hold {held} --end`")
         cause = "it is not wanted, so there is nothing to restart"
         raise Refused(f"restart {name}", cause, f"`rorg request {name}`")
     if not force:

@@ -49,6 +49,7 @@ def _why(current: Current, name: str) -> dict[str, Any]:
         "remedies": list(_remedies(current, status)),
         "waits": [
             *([str(silence)] if (silence := current.decision.situation.observed.silence) else ()),
+            *_suspended(current, status),
             *current.decision.plan.reasons().get(name, ()),
             *_probing(status),
         ],
@@ -62,6 +63,13 @@ def _at(catalog: Catalog, name: str) -> str:
     return f"{name}@{machine}" if machine else name
 
 
+def _suspended(current: Current, status: Status) -> Iterator[str]:
+    """Why rorg does nothing about a service for which it has something to do."""
+    decision = current.decision
+    if decision.situation.suspended and any(a.service == status.service for a in decision.plan.actions):
+        yield f"rorg is {decision.situation.suspended}"
+
+
 def _probing(status: Status) -> Iterator[str]:
     """The part of its probe that fails."""
     ready = status.condition("Ready")
@@ -72,6 +80,8 @@ def _probing(status: Status) -> Iterator[str]:
 def _remedies(current: Current, status: Status) -> Iterator[str]:
     """Commands after each of which a service that is kept out may be active. Only what a person asked for is
     suggested: a program would make its request again."""
+    if any(_suspended(current, status)):
+        yield "rorg suspend --end"
     if not status.health.kept_out:
         return
     name, catalog, kept = status.service, current.catalog, current.decision.memory.admitted

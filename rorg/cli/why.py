@@ -41,9 +41,13 @@ def _lines(entry: Why) -> list[str]:
 
 def _texts(entry: Why) -> list[str]:
     name = entry["service"]
-    state = "has no container, and is" if entry["state"] == "none" else f"is {entry['state']}, and"
-    kept_out = Health(entry["health"]).kept_out
-    lines = [f"{name} {state} " + (f"{_word(entry)}:")]
+    health = Health(entry["health"])
+    kept_out, state = health.kept_out, f"is {entry['state']}, and"
+    if entry["state"] == "none":
+        state = "has no container, and is"
+    elif health == Health.COMPLETED:
+        state = "has completed, and is"
+    lines = [f"{name} {state} {_word(entry)}:"]
     lines += [f"  {'  ' * depth}{link['text']}" for depth, link in enumerate(entry["chain"])]
     lines += [f"  {_request(r)}" for r in entry["requests"] if entry["wanted"] or kept_out]
     if not (entry["wanted"] or kept_out or entry["waits"]):
@@ -52,7 +56,7 @@ def _texts(entry: Why) -> list[str]:
             lines.append("  no request names it")
         if entry["needed_by"]:
             lines.append(f"  no service that needs it is active: {', '.join(entry['needed_by'])}")
-    lines += [f"  it {reason}" if reason.startswith("waits ") else f"  it waits: {reason}" for reason in entry["waits"]]
+    lines += [f"  it {reason}" if reason.startswith(("waits ", "lingers ")) else f"  it waits: {reason}" for reason in entry["waits"]]
     lines += [f"  {rival['text']} is active" for rival in entry["rivals"]]
     lines += [f"  to let it in: `{command}`" for command in entry["remedies"]]
     lines += [f"  caution: {text}" for text in entry["cautions"]]

@@ -120,9 +120,9 @@ def _back_off(view: View, name: str, operation: Operation) -> Waiting | None:
     if isinstance(operation, Remove):
         why = Timed(f"{tried.error or 'no effect'}; again in ", tried.at)
         return not_removed(name, operation.container, why, tried.at)
-    word = "stalled" if memory.stalled else "failed"
-    reason = Timed(f"{operation.verb} {word}: {tried.error or 'no effect'}; again in ", tried.at)
-    return Waiting(name, reason, tried.at, FAILED)
+    # A program that ended has been started without fault.
+    failed = "" if memory.exits else f"{operation.verb} {'stalled' if memory.stalled else 'failed'}: "
+    return Waiting(name, Timed(f"{failed}{tried.error or 'no effect'}; again in ", tried.at), tried.at, FAILED)
 
 
 def _ends_anyway(view: View, service: Service) -> bool:
@@ -216,7 +216,7 @@ def _cease(view: View, service: Service) -> Passage:
         return tuple(after), None
     until = _lingers_until(view, service)
     if until is not None and not view.has_come(until):
-        return (), Waiting(name, Timed("not wanted; lingers for ", until), until)
+        return (), Waiting(name, Timed("lingers for ", until), until)
     return tuple(after), None
 
 
