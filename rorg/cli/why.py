@@ -56,11 +56,16 @@ def _texts(entry: Why) -> list[str]:
             lines.append("  no request names it")
         if entry["needed_by"]:
             lines.append(f"  no service that needs it is active: {', '.join(entry['needed_by'])}")
-    lines += [f"  it {reason}" if reason.startswith(("waits ", "lingers ")) else f"  it waits: {reason}" for reason in entry["waits"]]
+    lines += [f"  it {_verb(reason)}{reason}" for reason in entry["waits"]]
     lines += [f"  {rival['text']} is active" for rival in entry["rivals"]]
     lines += [f"  to let it in: `{command}`" for command in entry["remedies"]]
     lines += [f"  caution: {text}" for text in entry["cautions"]]
     return lines
+
+
+def _verb(reason: str) -> str:
+    """Many reasons begin with a verb of their own."""
+    return "" if reason.startswith(("waits ", "lingers ")) else "waits: "
 
 
 def _word(entry: Why) -> str:
