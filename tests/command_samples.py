@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
+from unittest.mock import patch
+
+from rorg.cli.app import RORG, typer_command
 
 
 @dataclass(frozen=True)
@@ -27,6 +31,13 @@ class Sample:
     """Line -> what -o name prints, and some of what -o json says of the first thing."""
     alike: Sequence[str] = ()
     """Those that do the same with a running rorg and without one."""
+
+
+def values(name: str, words: list[str], environment: Mapping[str, str] | None = None) -> dict[str, Any]:
+    """What a line means: the value of each parameter. Nothing is done. Raises UsageError."""
+    with patch.dict("os.environ", environment or {}):
+        root = RORG.make_context("rorg", [])
+        return typer_command(name).make_context(name, list(words), parent=root).params
 
 
 LONG = "x" * 65

@@ -21,12 +21,8 @@ from collections.abc import Callable
 
 import docker  # noqa: F401
 
-import rorg.api.server
-import rorg.cli.help
-import rorg.cli.offline
-import rorg.daemon.wiring
-import rorg.engines.docker.engine
-import rorg.engines.process.engine
+from rorg.cli.app import typer_command
+from rorg.cli.commands import COMMANDS
 from rorg.cli.main import run
 
 
@@ -90,7 +86,8 @@ def ended(run: Callable[[], None]) -> None:
 
 
 if __name__ == "__main__":
-    rorg.cli.help.help_of_rorg()  # imports all commands
+    for name in COMMANDS:
+        typer_command(name)
     del sys.path[0]  # tests
     gc.freeze()
     signal.signal(signal.SIGINT, signal.SIG_IGN)

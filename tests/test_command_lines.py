@@ -12,7 +12,7 @@ import pytest
 from robots import RealRobot, write_tree
 
 from rorg.cli.commands import ALIASES, COMMANDS
-from rorg.cli.usage import LOOKING, one_slip, suggestion
+from rorg.cli.mistakes import LOOKING, one_slip, suggestion
 
 SERVICES = {"arm": {}, "navigation": {"needs": ["arm"]}, "base": {"always_on": True}}
 GROUPS = {"driving": {"services": ["navigation", "base"]}}
@@ -21,7 +21,7 @@ HUGE = "9" * 400
 UNREAD = """
 relase arm; stpo arm; stat; st; dow; rm arm; delete service arm; kill arm; unhold arm; resume; list
 Get
-''; ' '; é; navigation; get-services; ../get; 'get services'; -; --; --nonsense; -x; --state-dir /x get; --yes
+''; ' '; é; navigation; get-services; ../get; 'get services'; -; --nonsense; -x; --state-dir /x get; --yes
 --versio
 get --wach; get --watch=3; get -o; get -ojson -oyaml x y; get --output; get a b c; get -z; get --state-dir
 get --engine
@@ -95,7 +95,7 @@ edit arm; diff --state-dir a-file; request arm --state-dir a-file/x; get --state
     3: "wait arm; wait nosuch; request arm --wait; restart base --wait; events -f",
     4: "exec arm -- ls; shell base; cp arm:/x .; cp a-file base:/x",
     5: "down; apply; restart arm; init manifests; init manifests/../manifests",
-    0: "--version; --help; -h; get --help; ps -h; ls services; status -o name; get services arm; up --help\n"
+    0: "--; --version; --help; -h; get --help; ps -h; ls services; status -o name; get services arm; up --help\n"
     "version; help; help get; help ps\n"
     "--help x; release nosuch; release ''; release é; stop nosuch",
 }

@@ -8,17 +8,16 @@ import re
 import shutil
 import subprocess
 import sys
-from typing import Annotated
 
 import pytest
 from conftest import readable, wait_for
 from robots import write_tree
 from test_thin_commands import SERVICES, heavy, imported, robot, rorg  # noqa: F401
 
-from rorg.cli.commands import COMMANDS, command_of
-from rorg.cli.completions import after, answer, declared
-from rorg.cli.options import NAMES_OF_KIND, Argument, Option
-from rorg.cli.signature import parameters
+from rorg.cli.app import typer_command
+from rorg.cli.commands import COMMANDS
+from rorg.cli.completion import answer
+from rorg.cli.names import declared
 
 OFFERED = [
     ("why ", {"base", "developer", "driving", "navigation", "roscore", "spare"}),
@@ -81,11 +80,6 @@ def test_an_answer_imports_nothing_heavy(robot, line):  # noqa: F811
 
 
 def test_names_of_the_kind_that_is_named_before(robot, monkeypatch):  # noqa: F811
-    def command(
-        kind: Annotated[str, Argument(help="", completes=("services", "requests"))],
-        name: Annotated[str, Argument(help="", completes=NAMES_OF_KIND)],
-    ) -> None: ...
-
     monkeypatch.setenv("RORG_STATE_DIR", str(robot.state.path))
     robot.client().request("navigation", id="tour", ttl=None)
     expected = {
@@ -94,13 +88,12 @@ def test_names_of_the_kind_that_is_named_before(robot, monkeypatch):  # noqa: F8
         "group": {"driving"},
         "groups": {"driving"},
         "svc": {*SERVICES, "driving", "developer"},
-        "nonsense": set(),
         "images": set(),
     }
     for stop in (lambda: None, robot.stop):
         stop()
         for kind, names in expected.items():
-            assert set(after(parameters(command), [kind, ""])[1]) == names, kind
+            assert set(answer("fish", ["get", kind, ""]).split("\n")) - {""} == names, kind
 
 
 def shell_of(robot, folder, name: str) -> dict[str, str]:  # noqa: F811
@@ -221,9 +214,7 @@ def test_names_are_found_in_every_way_of_writing_a_manifest(tmp_path):
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_whatever_names_a_service_an_engine_or_a_form_is_completed(name):
-    for parameter in parameters(command_of(name)):
-        declared = parameter.declared
-        words = declared.names if isinstance(declared, Option) else ()
-        known = parameter.name in ("service", "services") or {"--engine", "--output", "--state-dir"} & set(words)
-        assert declared.completes or declared.choices or not known, parameter.name
-        assert isinstance(declared, Argument | Option)
+    for parameter in typer_command(name).params:
+        known = parameter.name in ("service", "services") or {"--engine", "--output", "--state-dir"} & {*parameter.opts}
+        chosen = hasattr(parameter.type, "choices") or hasattr(parameter.type, "completes")
+        assert chosen or parameter._custom_shell_complete or not known, parameter.name

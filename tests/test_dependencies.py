@@ -28,6 +28,7 @@ PRIVATE = {
     "docker": "its client's calls for what it has no method for (rorg/engines/docker)",
     "requests": "the response beneath a stream (rorg/engines/docker/exec.py)",
     "urllib3": "the connection beneath a stream (rorg/engines/docker/exec.py)",
+    "typer": "the errors, parameters and completions of the click within it (rorg/cli); 0.29 takes 60 ms more",
     "uvicorn": "its protocol and the main loop of its server (rorg/api)",
 }
 """Library -> which parts are used that it does not promise to keep."""

@@ -14,8 +14,8 @@ from robots import RealRobot, write_tree
 from test_edit import EDITOR
 from test_image_manifests import images
 
-from rorg.cli.completions import declared
 from rorg.cli.graph import command
+from rorg.cli.names import declared
 from rorg.core.desired import desire
 from rorg.images.graph import descendants, generations, hierarchy, reduced, services_on
 from rorg.manifest.load import load_or_raise

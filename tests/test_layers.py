@@ -47,7 +47,7 @@ ALONE = {"__init__.py", "__main__.py", "errors.py", "client.py", "regular_file.p
 IMPURE = {"os", "time", "random", "subprocess", "socket", "threading", "pathlib", "datetime", "uuid"}
 """Of the standard library: what asks the world. model may have datetime, to write times, not to ask for them."""
 DIRECT: dict[str, set[str]] = {
-    "cli": {"psutil", "rich", "rorg_client", "yaml"},
+    "cli": {"psutil", "rich", "rorg_client", "typer", "yaml"},
     "tools/importing": {"yaml"},
     "web": {"rorg_client", "starlette", "uvicorn"},
     "api": {"fastapi", "prometheus_client", "pydantic", "starlette", "uvicorn"},
@@ -79,7 +79,7 @@ LOADED: dict[str, set[str]] = {
     "engines": DIRECT["engines"] | {"pydantic", "psutil"},  # options of containers are pydantic's fields
 }
 """Those that are there once all files of a room are loaded, by way of others too."""
-HEAVY = set().union(*DIRECT.values(), {"httptools", "uvloop"}) - {"rorg_client"}
+HEAVY = set().union(*DIRECT.values(), {"httptools", "uvloop"}) - {"rorg_client", "typer"}
 """What no command may load before it needs it."""
 COMPUTING = {
     *("rorg.cli.offline", "rorg.cli.local_apply", "rorg.cli.dev_containers", "rorg.cli.local", "rorg.cli.top_screen"),

@@ -15,9 +15,9 @@ from conftest import ROOT, wait_for
 from robots import write_tree
 from test_thin_commands import GROUPS, SERVICES, robot, rorg  # noqa: F401
 
-from rorg.cli.commands import COMMANDS, command_of
+from rorg.cli.app import typer_command
+from rorg.cli.commands import COMMANDS
 from rorg.cli.options import FORMS
-from rorg.cli.signature import parameters
 
 LINES = {line: shown for sample in SAMPLES.values() for line, shown in sample.forms.items()}
 """Line -> what -o name prints, and some of what -o json says of the first thing."""
@@ -99,6 +99,6 @@ PICTURES = ("plot",)
 
 @pytest.mark.parametrize("name", [name for name in COMMANDS if name not in PICTURES])
 def test_each_command_with_forms_offers_all_and_is_in_the_reference(name):
-    found = [p for p in parameters(command_of(name)) if "-o" in getattr(p.declared, "names", ())]
-    assert all(set(FORMS) <= set(p.declared.choices) for p in found) or name in TWO, "lines and files have two forms"
+    found = [p for p in typer_command(name).params if "-o" in p.opts]
+    assert all(set(FORMS) <= set(p.type.choices) for p in found) or name in TWO, "lines and files have two forms"
     assert not found or f"`{name}`" in (ROOT / "docs/reference/output.md").read_text()

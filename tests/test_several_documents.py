@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from rorg.api.manifest_texts import check_name, file_with, manifests_of
-from rorg.cli.completions import declared
+from rorg.cli.names import declared
 from rorg.errors import Invalid
 from rorg.manifest.load import load
 from rorg.manifest.yaml_documents import document_texts, read_documents, with_document

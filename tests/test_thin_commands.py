@@ -14,7 +14,7 @@ import commands
 import pytest
 from robots import RealRobot, write_tree
 
-HEAVY = ("argparse", "rich", "pydantic", "yaml", "docker", "psutil", "asyncio", "ssl", "email", "http", "inspect")
+HEAVY = ("argparse", "rich", "pydantic", "yaml", "docker", "psutil", "asyncio", "ssl", "email", "http")
 ROOMS = ("api", "sim", "daemon", "images", "probes", "host", "manifest", "core")
 SERVICES = {
     "roscore": {},

@@ -8,6 +8,7 @@ import itertools
 import sys
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 from engines_page import engines
 from findings_page import findings
@@ -17,10 +18,9 @@ import rorg.errors
 from rorg.api import limits
 from rorg.api.app import document as openapi
 from rorg.api.permissions import OPERATIONS
-from rorg.cli.commands import ALIASES, COMMANDS, command_of
-from rorg.cli.help import about, usage
-from rorg.cli.options import Argument, Option
-from rorg.cli.signature import parameters
+from rorg.cli.app import about, argument_name, typer_command, usage
+from rorg.cli.commands import ALIASES, GROUPS
+from rorg.cli.options import SHARED
 from rorg.manifest.field_texts import UNSET, fields_of, inline, title
 from rorg.manifest.models import ENVELOPES, SPECS
 from rorg.manifest.schema import BESIDE, below
@@ -125,19 +125,35 @@ def kinds(models: list[type[BaseModel]], envelopes: list[type[BaseModel]]) -> st
     return text
 
 
+ABOUT_CLI = """# Commands
+
+`rorg help` lists the commands, `rorg help COMMAND` explains one.
+
+"""
+
+
 def cli() -> str:
-    text = NOTE + "# Commands\n"
-    for name in COMMANDS:
-        declared = parameters(command_of(name))
-        arguments = [p for p in declared if isinstance(p.declared, Argument)]
-        told, example = about(command_of(name))
-        line = " ".join([f"rorg {name} [OPTIONS]", *map(usage, arguments)])
+    text = NOTE + ABOUT_CLI
+    for group, commands in GROUPS.items():
+        text += f"- {group}: {', '.join(f'[{name}](#rorg-{name})' for name in commands)}\n"
+    text += "\n## Options of most commands\n\n"
+    text += "".join(option_line(p) for p in typer_command("get").params if p.opts[0] in SHARED)
+    for name in (name for commands in GROUPS.values() for name in commands):
+        command = typer_command(name)
+        told, example = about(name)
+        line = " ".join([f"rorg {name} [OPTIONS]", *map(usage, command.arguments)])
         text += f"\n## rorg {name}\n\n{told}\n\n```\n{line}\n```\n\nExample: `{example}`\n\n"
-        text += "".join(f"- `{p.name.upper()}`: {p.declared.help}\n" for p in arguments)
-        options = [p.declared for p in declared if isinstance(p.declared, Option)]
-        text += "".join(f"- {', '.join(f'`{n}`' for n in option.names)}: {option.help}\n" for option in options)
+        text += "".join(f"- `{argument_name(p)}`: {p.help}\n" for p in command.arguments)
+        options = [p for p in command.params if p not in command.arguments]
+        text += "".join(option_line(p) for p in options if p.opts[0] not in SHARED)
+        if shared := [f"`{p.opts[0]}`" for p in options if p.opts[0] in SHARED]:
+            text += f"- {', '.join(shared)}: see [options of most commands](#options-of-most-commands)\n"
     rows = "".join(f"| `rorg {alias}` | `rorg {name}` |\n" for alias, name in ALIASES.items())
     return text + "\n## Aliases\n\n| alias | command |\n|---|---|\n" + rows
+
+
+def option_line(option: Any) -> str:
+    return f"- {', '.join(f'`{name}`' for name in option.opts)}: {option.help}\n"
 
 
 def exit_meanings() -> list[tuple[int, str]]:

@@ -8,10 +8,9 @@ import re
 from generate import exit_meanings
 
 from rorg import __version__
-from rorg.cli.commands import COMMANDS, command_of
-from rorg.cli.help import ABOUT, about, usage
-from rorg.cli.options import Argument, Option
-from rorg.cli.signature import Parameter, parameters
+from rorg.cli.app import ABOUT, about, argument_name, typer_command, usage
+from rorg.cli.commands import COMMANDS
+from rorg.cli.options import SHARED
 
 FILES = {
     "/opt/robot/manifests": "The manifests of this robot, if rorg is a service of the machine.",
@@ -39,31 +38,30 @@ def entry(term: str, meaning: str) -> list[str]:
     return [".TP", f".B {plain(term)}", plain(meaning) or "\\&"]
 
 
-def words(parameter: Parameter) -> str:
-    """A parameter as users type it."""
-    return ", ".join(parameter.declared.names) if isinstance(parameter.declared, Option) else parameter.name.upper()
-
-
 def command(name: str) -> list[str]:
     """One command: usage, description, arguments and options."""
-    declared = [p for p in parameters(command_of(name)) if not p.rest]
-    arguments = [p for p in declared if isinstance(p.declared, Argument)]
-    typed = " ".join([f"rorg {name} [OPTIONS]", *map(usage, arguments)])
-    lines = [f".SS {plain(typed)}", *paragraphs(about(command_of(name))[0])]
-    for parameter in (*arguments, *(p for p in declared if p not in arguments)):
-        lines += entry(words(parameter), parameter.declared.help)
+    declared = typer_command(name)
+    typed = " ".join([f"rorg {name} [OPTIONS]", *map(usage, declared.arguments)])
+    lines = [f".SS {plain(typed)}", *paragraphs(about(name)[0])]
+    for argument in declared.arguments:
+        lines += entry(argument_name(argument), argument.help)
+    for option in (p for p in declared.params if p not in declared.arguments and p.opts[0] not in SHARED):
+        lines += entry(", ".join(option.opts), option.help)
     return lines
 
 
 def page() -> str:
     """The whole page rorg(1)."""
     summary, _, more = ABOUT.partition(":")
-    options = [p.declared for name in COMMANDS for p in parameters(command_of(name)) if isinstance(p.declared, Option)]
-    variables = {option.envvar: option.help for option in options if option.envvar}
+    parameters = [p for name in COMMANDS for p in typer_command(name).params]
+    variables = {p.envvar: p.help for p in parameters if p.envvar}
+    shared = [p for p in typer_command("get").params if p.opts[0] in SHARED]
     lines = [f'.TH RORG 1 "" "rorg {plain(__version__)}" "User Commands"']
     lines += section("NAME", f"rorg \\- {plain(summary[0].lower() + summary[1:])}")
     lines += section("SYNOPSIS", ".B rorg", plain("COMMAND [OPTIONS] [ARGUMENTS]"))
     lines += section("DESCRIPTION", plain(f"{summary}:{more}"))
+    lines += section("OPTIONS", plain("Most commands have these options:"))
+    lines += [line for p in shared for line in entry(", ".join(p.opts), p.help)]
     lines += section("COMMANDS", *(line for name in COMMANDS for line in command(name)))
     lines += section("EXIT STATUS", *(line for code, text in exit_meanings() for line in entry(str(code), text)))
     lines += section("ENVIRONMENT", *(line for name in sorted(variables) for line in entry(name, variables[name])))

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 from urllib.parse import quote
+
+import typer
 
 from rorg.cli.context import Context
 from rorg.cli.differences import Differences, differences, warn_of_other_tree
-from rorg.cli.options import Option, Output, Timeout, TreeDirectory, Yes
+from rorg.cli.kinds import Seconds
+from rorg.cli.options import Output, Timeout, TreeDirectory, Yes
 from rorg.cli.output import consent, note, print_rows
 from rorg.cli.published import SETTLED, condition, failure, hopeless, unready
 from rorg.errors import NotReady, Refused
@@ -28,15 +31,14 @@ def command(
     context: TreeDirectory,
     yes: Yes = False,
     wait: Annotated[
-        str,
-        Option(
-            "Return when everything is ready, or with =proven when it has also stayed well; exit 4 if that fails.",
-            names=("--wait",),
-            bare=READY,
-            choices=(READY, PROVEN),
+        Literal["ready", "proven"] | None,
+        typer.Option(
+            "--wait",
+            help="Return when everything is ready, or with =proven when it has also stayed well; exit 4 if that fails.",
+            metavar="[=ready|proven]",
         ),
-    ] = "",
-    timeout: Timeout = 300.0,
+    ] = None,
+    timeout: Timeout = Seconds(300),
     output: Output = "table",
 ) -> None:
     """Show the plan, ask, and carry it out, through the running rorg if there is one.
@@ -87,7 +89,9 @@ def agree(
         consent(what, question)
 
 
-def bring_about(context: Context, owner: dict[str, Any] | None, shown: Differences, wait: str, timeout: float) -> None:
+def bring_about(
+    context: Context, owner: dict[str, Any] | None, shown: Differences, wait: str | None, timeout: float
+) -> None:
     """Carries out the plan, and returns when that is done; with `wait`, when everything is READY or PROVEN. Raises
     NotReady."""
     if owner is None:
@@ -125,7 +129,7 @@ def _confirm_here(context: Context, shown: Differences) -> None:
     context.change(edit)
 
 
-def _through(context: Context, owner: dict[str, Any], shown: Differences, wait: str, timeout: float) -> None:
+def _through(context: Context, owner: dict[str, Any], shown: Differences, wait: str | None, timeout: float) -> None:
     """Confirms what was shown to the running rorg, which follows its own tree, and waits until it is done."""
     who = f"rorg at {context.remote}" if context.remote else f"{owner.get('what')} (pid {owner.get('pid')})"
     note(f"{who} carries it out")

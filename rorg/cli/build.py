@@ -12,7 +12,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from rorg.cli.options import Argument, BuildTree, Option, Output
+import typer
+
+from rorg.cli.names import complete_images
+from rorg.cli.options import BuildTree, Output
 from rorg.cli.output import missing, note, print_rows
 from rorg.cli.terminal import entry, printable
 from rorg.errors import NotReady
@@ -33,15 +36,18 @@ TOLD = 10
 def command(
     context: BuildTree,
     images: Annotated[
-        list[str], Argument("Images to build, with their parents. Default: all of the tree.", completes="images")
+        list[str],
+        typer.Argument(
+            help="Images to build, with their parents. Default: all of the tree.", autocompletion=complete_images
+        ),
     ] = [],  # noqa: B006
     *,
-    pull: Annotated[bool, Option("Pull external images again.")] = False,
-    no_cache: Annotated[bool, Option("Do not use the engine's build cache.")] = False,
+    pull: Annotated[bool, typer.Option("--pull", help="Pull external images again.")] = False,
+    no_cache: Annotated[bool, typer.Option("--no-cache", help="Do not use the engine's build cache.")] = False,
     jobs: Annotated[
-        int | None, Option("Parallel builds. Default: one per processor, at most 4.", names=("-j", "--jobs"), least=1)
+        int | None, typer.Option("-j", "--jobs", help="Parallel builds. Default: one per processor, at most 4.", min=1)
     ] = None,
-    dry_run: Annotated[bool, Option("Print what rorg would do, and do nothing.")] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Print what rorg would do, and do nothing.")] = False,
     output: Output = "table",
 ) -> None:
     """Build the images of the tree, parents before children, and pull missing base images. Exit 4 if one fails.

@@ -5,7 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from rorg.cli.options import DIRECTORIES, Option, Output, TreeAlone
+import typer
+
+from rorg.cli.kinds import DIRECTORY
+from rorg.cli.options import Output, TreeAlone
 from rorg.cli.output import print_rows
 from rorg.errors import Invalid
 
@@ -15,7 +18,9 @@ if TYPE_CHECKING:
 
 Folder = Annotated[
     Path,
-    Option("Directory of the authority and its certificates.", names=("--into",), metavar="DIR", completes=DIRECTORIES),
+    typer.Option(
+        "--into", help="Directory of the authority and its certificates.", metavar="DIR", click_type=DIRECTORY
+    ),
 ]
 
 
@@ -23,8 +28,10 @@ def command(
     context: TreeAlone,
     *,
     into: Folder = Path("certificates"),
-    person: Annotated[str, Option("Make a certificate for a person, who may then do everything.", metavar="NAME")] = "",
-    revoke: Annotated[str, Option("Revoke the certificate of this machine or person.", metavar="NAME")] = "",
+    person: Annotated[
+        str, typer.Option(help="Make a certificate for a person, who may then do everything.", metavar="NAME")
+    ] = "",
+    revoke: Annotated[str, typer.Option(help="Revoke the certificate of this machine or person.", metavar="NAME")] = "",
     output: Output = "table",
 ) -> None:
     """Make the certificates by which the machines of a robot know each other: an authority, and one for each Machine.

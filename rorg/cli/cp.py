@@ -8,14 +8,16 @@ import tempfile
 from pathlib import Path
 from typing import Annotated
 
+import typer
+
 from rorg.cli.exec import container_of
-from rorg.cli.options import Argument, RobotEngine
+from rorg.cli.options import RobotEngine
 from rorg.engines.unpack import unpack
 from rorg.errors import Invalid, Refused
 
 STREAM = "-"
 
-Place = Annotated[str, Argument("SERVICE:PATH, or a path on this machine; one of each. - is a tar stream.")]
+Place = Annotated[str, typer.Argument(help="SERVICE:PATH, or a path on this machine; one of each. - is a tar stream.")]
 
 
 def command(context: RobotEngine, source: Place, target: Place) -> None:

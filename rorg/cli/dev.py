@@ -6,35 +6,44 @@ import sys
 from pathlib import Path
 from typing import Annotated
 
-from rorg.cli.options import DIRECTORIES, SERVICES, Argument, Option, Output, RobotManifests, Yes
+import typer
+
+from rorg.cli.kinds import DIRECTORY, service_name
+from rorg.cli.names import complete_services
+from rorg.cli.options import Output, RobotManifests, Yes
 from rorg.cli.output import print_rows
 from rorg.errors import Invalid
 
 Name = Annotated[
     str | None,
-    Argument(
-        "A service or an image; image/NAME if a service has the same name. Default: list the containers.",
-        completes=SERVICES,
+    typer.Argument(
+        help="A service or an image; image/NAME if a service has the same name. Default: list the containers.",
+        parser=service_name,
+        autocompletion=complete_services,
     ),
 ]
 Workspace = Annotated[
     Path | None,
-    Option("Directory to work in, at the same path inside. Default: the current one.", completes=DIRECTORIES),
+    typer.Option(help="Directory to work in, at the same path inside. Default: the current one.", click_type=DIRECTORY),
 ]
-Devcontainer = Annotated[bool, Option("Only write .devcontainer/devcontainer.json in the workspace, for editors.")]
+Devcontainer = Annotated[
+    bool,
+    typer.Option("--devcontainer", help="Only write .devcontainer/devcontainer.json in the workspace, for editors."),
+]
+Fresh = Annotated[bool, typer.Option("--fresh", help="Create the container again; the workspace and the home stay.")]
 
 
 def command(
     context: RobotManifests,
     name: Name = None,
-    command: Annotated[list[str] | None, Argument("A command, after `--`, instead of a shell.")] = None,
+    command: Annotated[list[str] | None, typer.Argument(help="A command, after `--`, instead of a shell.")] = None,
     *,
-    fresh: Annotated[bool, Option("Create the container again; the workspace and the home stay.")] = False,
-    stop: Annotated[bool, Option("Stop and remove it; without a name, all of them.")] = False,
-    called: Annotated[str, Option("Name of the container. Default: NAME-dev.", names=("--name",))] = "",
+    fresh: Fresh = False,
+    stop: Annotated[bool, typer.Option("--stop", help="Stop and remove it; without a name, all of them.")] = False,
+    called: Annotated[str, typer.Option("--name", help="Name of the container. Default: NAME-dev.")] = "",
     workspace: Workspace = None,
-    x11: Annotated[bool, Option("Let programs open windows on this screen.")] = False,
-    gpu: Annotated[bool, Option("Give it all GPUs.")] = False,
+    x11: Annotated[bool, typer.Option("--x11", help="Let programs open windows on this screen.")] = False,
+    gpu: Annotated[bool, typer.Option("--gpu", help="Give it all GPUs.")] = False,
     devcontainer: Devcontainer = False,
     yes: Yes = False,
     output: Output = "table",

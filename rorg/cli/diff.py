@@ -6,41 +6,40 @@ import os
 import sys
 from typing import Annotated, Any
 
+import typer
+
 from rorg.cli.context import Context
 from rorg.cli.differences import Differences, differences, line, past_of, tree_of, warn_of_other_tree
-from rorg.cli.options import FORMS, SERVICES, Argument, Directory, EngineName, Option, StateDirectory
+from rorg.cli.names import complete_services
+from rorg.cli.options import Directory, EngineName, Form, StateDirectory
 from rorg.cli.output import dump, echo, note, print_rows
 from rorg.cli.terminal import printable
 from rorg.errors import Exit, Invalid
 
 Rev = Annotated[
     str,
-    Argument(
-        "Compare with a revision as if it were in force: a number from rorg history, a commit, a tag or a"
+    typer.Argument(
+        help="Compare with a revision as if it were in force: a number from rorg history, a commit, a tag or a"
         " branch. A..B compares the manifests of two."
     ),
 ]
 Unified = Annotated[
     bool,
-    Option(
-        "Show a unified diff of each container that changes; possible secrets are masked.",
-        names=("--unified", "-u"),
+    typer.Option(
+        "--unified", "-u", help="Show a unified diff of each container that changes; possible secrets are masked."
     ),
 ]
 Output = Annotated[
-    str,
-    Option(
-        "table: one line per service; wide: every step; name, yaml or json.",
-        names=("-o", "--output"),
-        choices=FORMS,
-    ),
+    Form, typer.Option("-o", "--output", help="table: one line per service; wide: every step; name, yaml or json.")
 ]
 
 
 def command(
     directory: Directory = None,
     rev: Rev = "",
-    service: Annotated[str, Option("Only this service.", metavar="SERVICE", completes=SERVICES)] = "",
+    service: Annotated[
+        str, typer.Option(help="Only this service.", metavar="SERVICE", autocompletion=complete_services)
+    ] = "",
     *,
     unified: Unified = False,
     state_dir: StateDirectory = None,

@@ -7,11 +7,13 @@ import time
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Annotated, Any
 
+import typer
 from rorg_client import Error
 
 from rorg.cli.context import Context
 from rorg.cli.interlocks import Interlocks, locked
-from rorg.cli.options import Option, RobotEngine, Timeout, Yes
+from rorg.cli.kinds import Seconds
+from rorg.cli.options import RobotEngine, Timeout, Yes
 from rorg.cli.output import consent, note, table
 from rorg.cli.terminal import entry
 from rorg.core.operations import ID
@@ -29,10 +31,14 @@ if TYPE_CHECKING:
 def command(
     context: RobotEngine,
     yes: Yes = False,
-    keep_requests: Annotated[bool, Option("Keep the requests for the next `rorg run`.")] = False,
-    volumes: Annotated[bool, Option("Also remove the robot's volumes with all data.")] = False,
-    forget: Annotated[bool, Option("Also remove the robot's history: all events and revisions.")] = False,
-    timeout: Timeout = 300.0,
+    keep_requests: Annotated[
+        bool, typer.Option("--keep-requests", help="Keep the requests for the next `rorg run`.")
+    ] = False,
+    volumes: Annotated[bool, typer.Option("--volumes", help="Also remove the robot's volumes with all data.")] = False,
+    forget: Annotated[
+        bool, typer.Option("--forget", help="Also remove the robot's history: all events and revisions.")
+    ] = False,
+    timeout: Timeout = Seconds(300),
 ) -> None:
     """Stop and remove all services of this robot, in order, then its networks. Manifests stay, and so do volumes and
     the history, unless you say otherwise. rorg never removes anything that it did not make.

@@ -10,10 +10,12 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import Annotated, Any
 
+import typer
 from rorg_client import Client
 
 from rorg.cli.context import Context
-from rorg.cli.options import SERVICES, Argument, Tree
+from rorg.cli.names import complete_services
+from rorg.cli.options import Tree
 from rorg.cli.output import disk_errors, echo, missing, note
 from rorg.errors import Invalid, Refused
 from rorg.model.image_names import stem
@@ -27,7 +29,10 @@ KINDS = {"svc": "Service"}
 def command(
     context: Tree,
     manifest: Annotated[
-        str, Argument("KIND/NAME, such as group/driving; NAME alone for a service.", completes=SERVICES, kinds=True)
+        str,
+        typer.Argument(
+            help="KIND/NAME, such as group/driving; NAME alone for a service.", autocompletion=complete_services
+        ),
     ],
 ) -> None:
     """Edit a manifest in $VISUAL or $EDITOR. rorg checks it with the whole tree, writes it in one step and commits

@@ -7,8 +7,11 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import typer
+
 from rorg.cli.context import Context
-from rorg.cli.options import FILES, Argument, Directory, EngineName, Option, Output
+from rorg.cli.kinds import FILE, numbers
+from rorg.cli.options import Directory, EngineName, Output
 from rorg.cli.output import as_json, disk_errors, note, print_rows, table
 from rorg.errors import Invalid, Refused
 from rorg.model.units import format_memory
@@ -39,26 +42,29 @@ SHORTEST = 2.0
 
 Scale = Annotated[
     float | None,
-    Option(
-        "Factor on the declared CPU and memory. Default: everything on takes a quarter of the machine.",
-        least=0.001,
-        most=1,
+    typer.Option(
+        help="Factor on the declared CPU and memory. Default: everything on takes a quarter of the machine.",
         metavar="F",
+        parser=numbers(0.001, 1),
     ),
 ]
-Save = Annotated[Path | None, Option("Write all measurements to this file, as JSON, after each run.", completes=FILES)]
+Save = Annotated[
+    Path | None, typer.Option(help="Write all measurements to this file, as JSON, after each run.", click_type=FILE)
+]
 Plot = Annotated[
     Path | None,
-    Option("Plot CPU, memory and activity of the first pair to a .svg, .png or .html.", completes=FILES),
+    typer.Option(help="Plot CPU, memory and activity of the first pair to a .svg, .png or .html.", click_type=FILE),
 ]
 
 
 def command(
-    trace: Annotated[Path, Argument("File of a Trace: the requests to replay.", completes=FILES)],
+    trace: Annotated[Path, typer.Argument(help="File of a Trace: the requests to replay.", click_type=FILE)],
     directory: Directory = None,
     *,
-    compress: Annotated[float, Option("Divide the times of the trace by this.", least=1, most=1000)] = 6.0,
-    pairs: Annotated[int, Option("How often to run everything-on and rorg in turns.", least=1, most=100)] = 3,
+    compress: Annotated[
+        float, typer.Option(help="Divide the times of the trace by this.", parser=numbers(1, 1000))
+    ] = 6.0,
+    pairs: Annotated[int, typer.Option(help="How often to run everything-on and rorg in turns.", min=1, max=100)] = 3,
     scale: Scale = None,
     engine: EngineName = None,
     save: Save = None,

@@ -5,8 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Annotated, Any
 
+import typer
+
 from rorg.cli.context import Context
-from rorg.cli.options import SERVICES, Argument, Option, Output, Robot, moment, words
+from rorg.cli.kinds import moment, service_name, words
+from rorg.cli.names import complete_services
+from rorg.cli.options import Output, Robot
 from rorg.cli.output import as_json, echo, end_with_reader
 from rorg.cli.terminal import entry, printable
 from rorg.errors import Invalid
@@ -18,23 +22,38 @@ MOST = 1 << 40
 MOST_TOLD = 10_000
 """The largest `tail` of the API."""
 
+Services = Annotated[
+    list[str] | None,
+    typer.Argument(
+        help="Only about these services. Default: about everything.",
+        parser=service_name,
+        autocompletion=complete_services,
+    ),
+]
+Tail = Annotated[
+    int | None, typer.Option(help="Number of entries, the last ones. Default: 20, or all with --since.", min=0)
+]
+Kind = Annotated[str, typer.Option(help="Only these kinds: crashed,failed (-o wide shows them).", metavar="KINDS")]
+
 
 def command(
     context: Robot,
-    services: Annotated[
-        list[str] | None, Argument("Only about these services. Default: about everything.", completes=SERVICES)
-    ] = None,
+    services: Services = None,
     *,
-    follow: Annotated[bool, Option("Follow new entries.", names=("-f", "--follow"))] = False,
-    tail: Annotated[
-        int | None, Option("Number of entries, the last ones. Default: 20, or all with --since.", least=0)
+    follow: Annotated[bool, typer.Option("-f", "--follow", help="Follow new entries.")] = False,
+    tail: Tail = None,
+    kind: Kind = "",
+    service: Annotated[
+        str, typer.Option(help="Only about these services.", metavar="SERVICES", autocompletion=complete_services)
+    ] = "",
+    since: Annotated[
+        str | None, typer.Option(help="Only since 10m (ago), or 2026-01-31T12:00:00Z.", parser=moment)
     ] = None,
-    kind: Annotated[str, Option("Only these kinds: crashed,failed (-o wide shows them).", metavar="KINDS")] = "",
-    service: Annotated[str, Option("Only about these services.", metavar="SERVICES", completes=SERVICES)] = "",
-    since: Annotated[str | None, Option("Only since 10m (ago), or 2026-01-31T12:00:00Z.", parser=moment)] = None,
-    until: Annotated[str | None, Option("Only until this time, in the form of --since.", parser=moment)] = None,
-    grep: Annotated[str, Option("Only with this text in the message; case does not matter.")] = "",
-    no_fold: Annotated[bool, Option("Show every repeated event.")] = False,
+    until: Annotated[
+        str | None, typer.Option(help="Only until this time, in the form of --since.", parser=moment)
+    ] = None,
+    grep: Annotated[str, typer.Option(help="Only with this text in the message; case does not matter.")] = "",
+    no_fold: Annotated[bool, typer.Option("--no-fold", help="Show every repeated event.")] = False,
     output: Output = "table",
 ) -> None:
     """Show what happened: actions and their outcomes, states of services, requests with their authors, refusals,

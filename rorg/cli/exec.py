@@ -6,29 +6,36 @@ import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Any
 
+import typer
+
 from rorg.cli.context import Context
-from rorg.cli.options import SERVICES, Argument, Option, RobotEngine
+from rorg.cli.kinds import service_name
+from rorg.cli.names import complete_services
+from rorg.cli.options import RobotEngine
 from rorg.cli.output import missing, note
 from rorg.errors import Invalid, NotReady
 
 if TYPE_CHECKING:
     from rorg.core.observed import Container
 
-Service = Annotated[str, Argument("A running service.", completes=SERVICES)]
+Service = Annotated[
+    str, typer.Argument(help="A running service.", parser=service_name, autocompletion=complete_services)
+]
 NO_PROGRAM = 127
 
 
 def command(
     context: RobotEngine,
     service: Service,
-    command: Annotated[list[str], Argument("The command, after `--`.")],
+    command: Annotated[list[str], typer.Argument(help="The command, after `--`.")],
     interactive: Annotated[
-        bool, Option("Pass standard input to the command; a terminal is always passed.", names=("-i", "--interactive"))
+        bool,
+        typer.Option("-i", "--interactive", help="Pass standard input to the command; a terminal is always passed."),
     ] = False,
     terminal: Annotated[
         bool,
-        Option(
-            "Fail without a terminal. Default: the command gets a terminal if there is one here.", names=("-t", "--tty")
+        typer.Option(
+            "-t", "--tty", help="Fail without a terminal. Default: the command gets a terminal if there is one here."
         ),
     ] = False,
 ) -> None:

@@ -5,7 +5,10 @@ from __future__ import annotations
 import textwrap
 from typing import TYPE_CHECKING, Annotated, Any
 
-from rorg.cli.options import SERVICES, Argument, Output, TreeAlone
+import typer
+
+from rorg.cli.names import complete_services
+from rorg.cli.options import Output, TreeAlone
 from rorg.cli.output import dump, echo, missing, table
 from rorg.errors import Invalid
 
@@ -26,10 +29,9 @@ def command(
     context: TreeAlone,
     what: Annotated[
         str,
-        Argument(
-            "A field, such as service.idle.linger, or a service; services/NAME if a field has the same name.",
-            completes=SERVICES,
-            kinds=True,
+        typer.Argument(
+            help="A field, such as service.idle.linger, or a service; services/NAME if a field has the same name.",
+            autocompletion=complete_services,
         ),
     ],
     output: Output = "table",

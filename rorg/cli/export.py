@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from rorg.cli.options import FILES, Argument, Option, TreeAlone
+import typer
+
+from rorg.cli.kinds import FILE
+from rorg.cli.options import TreeAlone
 from rorg.cli.output import disk_errors, dump, echo, note
 from rorg.errors import Refused
 from rorg.model.units import counted
@@ -20,21 +23,19 @@ FORMS = ("yaml", "json")
 
 def command(
     context: TreeAlone,
-    format: Annotated[str, Argument("compose.", choices=FORMATS)],  # noqa: ARG001 - there is one
+    format: Annotated[Literal["compose"], typer.Argument(help="compose.")],  # noqa: ARG001 - there is one
     output: Annotated[
         Path | None,
-        Option(
-            "The Compose file to write; it and the files beside it must not exist. Default: standard output.",
-            completes=FILES,
+        typer.Option(
+            help="The Compose file to write; it and the files beside it must not exist. Default: standard output.",
+            click_type=FILE,
         ),
     ] = None,
     form: Annotated[
-        str,
-        Option(
-            "yaml, or json: the file, what it cannot express, and the files beside it.", names=("-o",), choices=FORMS
-        ),
+        Literal["yaml", "json"],
+        typer.Option("-o", help="yaml, or json: the file, what it cannot express, and the files beside it."),
     ] = "yaml",
-    force: Annotated[bool, Option("Overwrite existing files.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite existing files.")] = False,
 ) -> None:
     """Write the robot as a Compose file: every container option, needs, image builds, networks and volumes, without
     requests. Comments in the file say what Compose cannot express.

@@ -6,11 +6,15 @@ from collections.abc import Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 from statistics import median
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
 
 from rorg.cli.context import Context
 from rorg.cli.edit import manifests
-from rorg.cli.options import FILES, FORMS, SERVICES, Argument, Option, Tree, moment
+from rorg.cli.kinds import FILE, moment, number, service_name
+from rorg.cli.names import complete_services
+from rorg.cli.options import Tree
 from rorg.cli.output import disk_errors, echo, missing, note, print_rows
 from rorg.cli.records import records_of
 from rorg.errors import Invalid
@@ -26,35 +30,45 @@ DURATIONS = ("start", "resume", "stop")
 LEARNT = (*DURATIONS, "cpu", "memory")
 
 
-def percent(text: str) -> float:
-    """The fraction that "10%" or "0.1" stands for. Raises ValueError."""
-    value = float(text.removesuffix("%")) / (100 if text.endswith("%") else 1)
+def percent(text: str | float) -> float:
+    """The fraction that "10%" or "0.1" stands for."""
+    value = number(text.removesuffix("%") if isinstance(text, str) else text)
+    value /= 100 if str(text).endswith("%") else 1
     if not 0 <= value <= 1:
-        raise ValueError(f"{text} is not between 0% and 100%")
+        raise typer.BadParameter(f"{text} is not between 0% and 100%")
     return value
 
 
-Since = Annotated[str | None, Option("Start: 2h (ago), or 2026-01-31T12:00:00Z. Default: 7d.", parser=moment)]
+Since = Annotated[
+    str | None, typer.Option(help="Start: 2h (ago), or 2026-01-31T12:00:00Z. Default: 7d.", parser=moment)
+]
 Margin = Annotated[
     float,
-    Option("Margin on top of the measured use. Default: 10%.", parser=percent, metavar="PERCENT", show_default=False),
+    typer.Option(
+        help="Margin on top of the measured use. Default: 10%.", metavar="PERCENT", parser=percent, show_default=False
+    ),
 ]
 WorkloadFile = Annotated[
-    Path | None,
-    Option("Write a Workload of measured times and use, for `rorg simulate`.", completes=FILES),
+    Path | None, typer.Option(help="Write a Workload of measured times and use, for `rorg simulate`.", click_type=FILE)
+]
+Services = Annotated[
+    list[str] | None,
+    typer.Argument(help="Services. Default: all.", parser=service_name, autocompletion=complete_services),
+]
+Output = Annotated[
+    Literal["diff", "table", "wide", "name", "yaml", "json"],
+    typer.Option("-o", "--output", help="diff, table, wide, name, yaml or json."),
 ]
 
 
 def command(
     context: Tree,
-    services: Annotated[list[str] | None, Argument("Services. Default: all.", completes=SERVICES)] = None,
+    services: Services = None,
     since: Since = None,
     margin: Margin = 0.1,
     workload: WorkloadFile = None,
-    write: Annotated[bool, Option("Write it into the manifests, as `rorg edit` does.")] = False,
-    output: Annotated[
-        str, Option("diff, table, wide, name, yaml or json.", names=("-o", "--output"), choices=("diff", *FORMS))
-    ] = "diff",
+    write: Annotated[bool, typer.Option("--write", help="Write it into the manifests, as `rorg edit` does.")] = False,
+    output: Output = "diff",
 ) -> None:
     """Propose `resources:` for manifests from measured use: the mean CPU and the peak memory of each service while
     it ran. With --workload, learn from the journal how long services take to start, resume and stop, and what

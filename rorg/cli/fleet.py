@@ -11,9 +11,12 @@ from concurrent.futures import ThreadPoolExecutor
 from datetime import datetime
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from rorg.cli.options import FILES, Argument, Option, Output, duration
+import typer
+
+from rorg.cli.kinds import FILE, Seconds, durations
+from rorg.cli.options import Output
 from rorg.cli.output import print_rows
 from rorg.errors import Invalid
 from rorg.model.units import stamp
@@ -32,10 +35,14 @@ COLUMNS = ("name", "revision", "standing", "health", "drift", "answer")
 
 
 def command(
-    action: Annotated[str, Argument("status.", choices=("status",))],
-    file: Annotated[Path, Argument("A YAML file with NAME: https://HOST:PORT for each robot.", completes=FILES)],
+    action: Annotated[Literal["status"], typer.Argument(help="status.")],
+    file: Annotated[
+        Path, typer.Argument(help="A YAML file with NAME: https://HOST:PORT for each robot.", click_type=FILE)
+    ],
     *,
-    timeout: Annotated[float, Option("How long to wait for a robot: 2s.", parser=duration, least=0.1, most=60)] = 2.0,
+    timeout: Annotated[
+        float, typer.Option(help="How long to wait for a robot: 2s.", parser=durations(0.1, 60))
+    ] = Seconds(2),
     output: Output = "table",
 ) -> None:
     """List the robots of a fleet: the revision of their manifests and whether it works, the health of their services,

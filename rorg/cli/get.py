@@ -6,10 +6,14 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import datetime
 from functools import partial
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
+
+import typer
 
 from rorg.cli.context import Context
-from rorg.cli.options import GROUPS, KINDS, SERVICES, Argument, Option, Output, RobotManifests
+from rorg.cli.kinds import KINDS, service_name
+from rorg.cli.names import complete_groups, complete_kinds_and_names
+from rorg.cli.options import Output, RobotManifests
 from rorg.cli.output import end_with_reader, missing, note, print_rows
 from rorg.cli.selection import select
 from rorg.cli.watch import Watch
@@ -21,21 +25,22 @@ Found = tuple[list[dict[str, Any]], list[Any]]
 
 What = Annotated[
     list[str] | None,
-    Argument(
-        "A kind (services, groups, images, networks, volumes, machines, profiles, policies, requests), or names of "
-        "services and groups; names may follow a kind.",
-        completes=SERVICES,
+    typer.Argument(
+        help="A kind (services, groups, images, networks, volumes, machines, profiles, policies, requests), or names "
+        "of services and groups; names may follow a kind.",
+        parser=service_name,
+        autocompletion=complete_kinds_and_names,
     ),
 ]
 Label = Annotated[
-    str, Option("Services with these labels: site=lab,arm.", names=("-l", "--selector"), metavar="LABELS")
+    str, typer.Option("-l", "--selector", help="Services with these labels: site=lab,arm.", metavar="LABELS")
 ]
 SortBy = Annotated[
-    str,
-    Option("name, state, age, restarts or priority.", choices=("name", "state", "age", "restarts", "priority")),
+    Literal["name", "state", "age", "restarts", "priority"],
+    typer.Option(help="name, state, age, restarts or priority."),
 ]
 AllNamespaces = Annotated[
-    bool, Option("For habits of kubectl: rorg has no namespaces.", names=("-A", "--all-namespaces"))
+    bool, typer.Option("-A", "--all-namespaces", help="Ignored; accepted for compatibility with kubectl.")
 ]
 
 
@@ -44,11 +49,11 @@ def command(
     what: What = None,
     *,
     label: Label = "",
-    group: Annotated[str, Option("Services of this group.", completes=GROUPS)] = "",
+    group: Annotated[str, typer.Option(help="Services of this group.", autocompletion=complete_groups)] = "",
     sort_by: SortBy = "name",
     output: Output = "table",
-    watch: Annotated[bool, Option("Keep showing changes.", names=("-w", "--watch"))] = False,
-    no_headers: Annotated[bool, Option("Print the table without its first line.")] = False,
+    watch: Annotated[bool, typer.Option("-w", "--watch", help="Keep showing changes.")] = False,
+    no_headers: Annotated[bool, typer.Option("--no-headers", help="Print the table without its first line.")] = False,
     all_namespaces: AllNamespaces = False,
 ) -> None:
     """List services with their state, or groups, images, networks, volumes, machines, profiles, policies, requests.

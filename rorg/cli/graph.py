@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
+
+import typer
 
 from rorg.cli.context import Context
-from rorg.cli.options import FORMS, SERVICES, Argument, Directory, Option, StateDirectory
+from rorg.cli.names import complete_services
+from rorg.cli.options import Directory, StateDirectory
 from rorg.cli.output import echo, missing, print_rows
 from rorg.plots.drawing import FORMS as DRAWN
 from rorg.plots.drawing import Arrow, Drawing, draw
@@ -18,17 +21,19 @@ Graph = dict[str, Any]
 
 
 def command(
-    what: Annotated[str, Argument("services or images. Default: services.", completes=KINDS)] = "services",
+    what: Annotated[
+        str, typer.Argument(help="services or images. Default: services.", autocompletion=lambda: list(KINDS))
+    ] = "services",
     directory: Directory = None,
     form: Annotated[
-        str,
-        Option(
-            "table, wide, name, yaml, json, dot, mermaid or svg.", names=("-o", "--output"), choices=(*FORMS, *DRAWN)
-        ),
+        Literal["table", "wide", "name", "yaml", "json", "dot", "mermaid", "svg"],
+        typer.Option("-o", "--output", help="table, wide, name, yaml, json, dot, mermaid or svg."),
     ] = "table",
     hide: Annotated[
         list[str] | None,
-        Option("Leave out a service that nearly everything needs.", names=("--hide",), completes=SERVICES),
+        typer.Option(
+            "--hide", help="Leave out a service that nearly everything needs.", autocompletion=complete_services
+        ),
     ] = None,
     state_dir: StateDirectory = None,
 ) -> None:

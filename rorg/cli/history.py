@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
-from rorg.cli.options import FILES, Argument, Option, Output, Robot
+import typer
+
+from rorg.cli.kinds import FILE
+from rorg.cli.options import Output, Robot
 from rorg.cli.output import dump, echo, print_rows, table
 from rorg.cli.records import Kept, Served, records_of
 from rorg.cli.terminal import entry, printable
@@ -22,18 +25,20 @@ MOST = 1000
 def command(
     context: Robot,
     action: Annotated[
-        str, Argument("list, show REV, diff REV [REV] (default: the newest), or export.", choices=ACTIONS)
+        Literal["list", "show", "diff", "export"],
+        typer.Argument(help="list, show REV, diff REV [REV] (default: the newest), or export."),
     ] = "list",
     revisions: Annotated[
-        list[str], Argument("Numbers from the list, or commits as in git: a hash, a tag, HEAD~2.")
+        list[str], typer.Argument(help="Numbers from the list, or commits as in git: a hash, a tag, HEAD~2.")
     ] = [],  # noqa: B006
     *,
     number: Annotated[
-        int, Option("For list: how many of the newest.", names=("-n", "--number"), least=1, most=MOST)
+        int, typer.Option("-n", "--number", help="For list: how many of the newest.", min=1, max=MOST)
     ] = 20,
-    format: Annotated[str, Option("For export: jsonl or protobuf.", choices=FORMATS)] = "jsonl",
+    format: Annotated[Literal["jsonl", "protobuf"], typer.Option(help="For export: jsonl or protobuf.")] = "jsonl",
     file: Annotated[
-        Path | None, Option("For export: the file to write. Default: standard output.", completes=FILES, metavar="FILE")
+        Path | None,
+        typer.Option(help="For export: the file to write. Default: standard output.", metavar="FILE", click_type=FILE),
     ] = None,
     output: Output = "table",
 ) -> None:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
 
 from rorg.cli.context import Context
-from rorg.cli.options import Argument, Option, Output, Tree, Yes
+from rorg.cli.options import Output, Tree, Yes
 from rorg.cli.output import consent, disk_errors, missing, note, print_rows
 from rorg.errors import EngineError, Invalid, NotReady, Refused
 from rorg.model.engines import capabilities_of
@@ -26,11 +28,13 @@ ACTIONS = ("list", "prune", "save", "load")
 
 def command(
     context: Tree,
-    action: Annotated[str, Argument("list, prune, save FILE [IMAGE...] or load FILE.", choices=ACTIONS)],
-    names: Annotated[list[str], Argument("A file, and images. Default: all that services use.")] = [],  # noqa: B006
+    action: Annotated[
+        Literal["list", "prune", "save", "load"], typer.Argument(help="list, prune, save FILE [IMAGE...] or load FILE.")
+    ],
+    names: Annotated[list[str], typer.Argument(help="A file, and images. Default: all that services use.")] = [],  # noqa: B006
     *,
-    keep: Annotated[int | None, Option("For prune: number of revisions whose images stay.", least=1)] = None,
-    dry_run: Annotated[bool, Option("For prune: only show what rorg would remove.")] = False,
+    keep: Annotated[int | None, typer.Option(help="For prune: number of revisions whose images stay.", min=1)] = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="For prune: only show what rorg would remove.")] = False,
     yes: Yes = False,
     output: Output = "table",
 ) -> None:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn
+
+import typer
 
 from rorg.cli.context import known_engine
 from rorg.cli.differences import line
-from rorg.cli.options import DIRECTORIES, FILES, FORMS, Argument, Option
+from rorg.cli.kinds import DIRECTORY, FILE, FILE_NAME
+from rorg.cli.options import Form
 from rorg.cli.output import disk_errors, dump, note, print_rows
 from rorg.cli.validate import findings, refuse
 from rorg.errors import Invalid, Refused
@@ -21,45 +24,53 @@ SOURCES = ("compose", "systemd", "roslaunch", "launch")
 
 Files = Annotated[
     list[str],
-    Argument(
-        "Compose files, later ones override earlier ones (default: ./compose.yaml); systemd units; or a "
+    typer.Argument(
+        help="Compose files, later ones override earlier ones (default: ./compose.yaml); systemd units; or a "
         "launch file with its arguments as ARG:=VALUE.",
-        completes=FILES,
+        click_type=FILE_NAME,
     ),
 ]
 Also = Annotated[
-    list[str],
-    Option(
-        "A file or directory that the import may read, too, although it is outside the project's folder.",
-        names=("--read",),
-        completes=FILES,
+    list[Path],
+    typer.Option(
+        "--read",
+        help="Also allow reading this file or directory outside the project's folder.",
+        click_type=FILE,
     ),
 ]
 Skip = Annotated[
     bool,
-    Option(
-        "Leave out what cannot be carried over, with a warning for each; write the rest.",
-        names=("--skip-unsupported",),
+    typer.Option(
+        "--skip-unsupported", help="Leave out what cannot be carried over, with a warning for each; write the rest."
     ),
 ]
+What = Annotated[
+    Literal["compose", "systemd", "roslaunch", "launch"],
+    typer.Argument(help="compose, systemd or roslaunch; launch is the same as roslaunch."),
+]
+Ros = Annotated[
+    Literal["1", "2"] | None,
+    typer.Option(help="For roslaunch: the ROS of the launch file, if it cannot be detected."),
+]
+EnvFile = Annotated[list[Path], typer.Option(help="For compose: read this file instead of .env.", click_type=FILE)]
 
 
 def command(
-    what: Annotated[str, Argument("compose, systemd or roslaunch; launch is the same as roslaunch.", choices=SOURCES)],
+    what: What,
     files: Files = [],  # noqa: B006
     *,
-    env_file: Annotated[list[str], Option("For compose: read this file instead of .env.", completes=FILES)] = [],  # noqa: B006
-    profile: Annotated[list[str], Option("For compose: include services of this profile.")] = [],  # noqa: B006
-    project_name: Annotated[str, Option("For compose: name of the project.")] = "",
-    ros: Annotated[
-        str, Option("For roslaunch: the ROS of the launch file, if the file does not tell.", choices=("1", "2"))
-    ] = "",
-    image: Annotated[str, Option("For systemd and roslaunch: the image of the services.")] = "",
+    env_file: EnvFile = [],  # noqa: B006
+    profile: Annotated[list[str], typer.Option(help="For compose: include services of this profile.")] = [],  # noqa: B006
+    project_name: Annotated[str, typer.Option(help="For compose: name of the project.")] = "",
+    ros: Ros = None,
+    image: Annotated[str, typer.Option(help="For systemd and roslaunch: the image of the services.")] = "",
     also: Also = [],  # noqa: B006
-    output: Annotated[Path, Option("Directory to write the manifests to.", completes=DIRECTORIES)] = Path("manifests"),
-    force: Annotated[bool, Option("Overwrite existing files.")] = False,
+    output: Annotated[Path, typer.Option(help="Directory to write the manifests to.", click_type=DIRECTORY)] = Path(
+        "manifests"
+    ),
+    force: Annotated[bool, typer.Option("--force", help="Overwrite existing files.")] = False,
     skip: Skip = False,
-    form: Annotated[str, Option("table, wide, name, yaml or json.", names=("-o",), choices=FORMS)] = "table",
+    form: Annotated[Form, typer.Option("-o", help="table, wide, name, yaml or json.")] = "table",
 ) -> None:
     """Write manifests for a Compose project, systemd units or a launch file. Every change or loss is noted. If
     something cannot be carried over, rorg lists all of it and writes nothing. Then validate the manifests: exit code 0
@@ -67,17 +78,16 @@ def command(
 
     Example: rorg import compose compose.yaml
     """
-    named = [Path(path) for path in also]
     if what == "compose":
         imported = _compose(
-            [Path(f) for f in files], env_file, profile, project_name, output=output, named=named, skip=skip
+            [Path(f) for f in files], env_file, profile, project_name, output=output, named=also, skip=skip
         )
     elif not files:
         raise Invalid(f"import from {what}", "no file is named", f"`rorg import {what} FILE`")
     elif what == "systemd":
         imported = _systemd([Path(f) for f in files], image, output, skip)
     else:
-        imported = _roslaunch(Path(files[0]), files[1:], image, output, named=named, ros=int(ros or 0), skip=skip)
+        imported = _roslaunch(Path(files[0]), files[1:], image, output, named=also, ros=int(ros or 0), skip=skip)
     if imported.errors:
         _refuse(imported, what, form)
     _write(imported, output, force)
@@ -87,7 +97,7 @@ def command(
 
 def _compose(
     paths: list[Path],
-    env_files: list[str],
+    env_files: list[Path],
     profiles: list[str],
     name: str,
     *,
@@ -103,10 +113,9 @@ def _compose(
     for path in paths:
         if not path.exists():
             raise Invalid(f"read {path}", "no such file", "another path")
-    given = [Path(f) for f in env_files]
-    read = Reader(_project_folder(paths[0] if paths else Path()), [*paths, *given, *named])
+    read = Reader(_project_folder(paths[0] if paths else Path()), [*paths, *env_files, *named])
     paths = paths or [Path()]
-    loaded = load(paths, os.environ, read, env_files=given or None, profiles=profiles, name=name or None)
+    loaded = load(paths, os.environ, read, env_files=env_files or None, profiles=profiles, name=name or None)
     if loaded.project is None:
         return Imported(diagnostics=loaded.diagnostics)
     tree = output.resolve()

@@ -5,9 +5,10 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
-from rorg.cli.options import Argument, Option
+import typer
+
 from rorg.cli.output import disk_errors, note
 from rorg.errors import Invalid, Refused
 from rorg.model.machines import PORT
@@ -62,14 +63,20 @@ NEXT = """{name} is a robot of {services}{git}. Next:
   {request}# in another terminal: it starts, with all that it needs
   rorg down                         # stop and remove everything; the files stay"""
 
+TemplateName = Annotated[
+    Literal["first", "ros2"],
+    typer.Option(help="first: three small services. ros2: nodes of ROS 2, one of them managed."),
+]
+Directory = Annotated[Path, typer.Argument(help="Directory to write to; created if missing.", show_default=False)]
+
 
 def command(
-    directory: Annotated[Path, Argument("Directory to write to; created if missing.", show_default=False)] = Path("."),
+    directory: Directory = Path("."),
     *,
-    template: Annotated[
-        str, Option("first: three small services. ros2: nodes of ROS 2, one of them managed.", choices=tuple(TEMPLATES))
-    ] = FIRST,
-    machines: Annotated[int, Option("Computers of the robot, 1 to 4; with the template first.", metavar="N")] = 1,
+    template: TemplateName = "first",
+    machines: Annotated[
+        int, typer.Option(help="Computers of the robot, 1 to 4; with the template first.", metavar="N")
+    ] = 1,
 ) -> None:
     """Write a first robot, ready to run: services with comments, schemas for editors, in git.
 

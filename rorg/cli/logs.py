@@ -6,13 +6,16 @@ import os
 import sys
 import time
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
+import typer
 from rorg_client import Client, Error, Unreachable, calls
 from rorg_client.errors import unreachable
 
 from rorg.cli.context import Context
-from rorg.cli.options import SERVICES, Argument, Option, RobotEngine
+from rorg.cli.kinds import service_name
+from rorg.cli.names import complete_services
+from rorg.cli.options import RobotEngine
 from rorg.cli.output import as_json, echo, missing, note
 from rorg.cli.terminal import LogText
 from rorg.errors import Invalid
@@ -20,22 +23,29 @@ from rorg.errors import Invalid
 AGAIN = 0.3
 """Seconds until the next attempt, when following and rorg does not answer."""
 
+Services = Annotated[
+    list[str] | None,
+    typer.Argument(
+        help="Services or groups. Default: everything that runs.",
+        parser=service_name,
+        autocompletion=complete_services,
+    ),
+]
+
 
 def command(
     context: RobotEngine,
-    services: Annotated[
-        list[str] | None, Argument("Services or groups. Default: everything that runs.", completes=SERVICES)
-    ] = None,
+    services: Services = None,
     *,
-    follow: Annotated[bool, Option("Follow new lines.", names=("-f", "--follow"))] = False,
-    tail: Annotated[int | None, Option("Only the last lines of each: 100.", names=("-n", "--tail"), least=0)] = None,
-    since: Annotated[str, Option("Only lines since 10m (ago), or 2026-01-31T12:00:00Z.")] = "",
-    until: Annotated[str, Option("Only lines before this time, in the form of --since.")] = "",
+    follow: Annotated[bool, typer.Option("-f", "--follow", help="Follow new lines.")] = False,
+    tail: Annotated[int | None, typer.Option("-n", "--tail", help="Only the last lines of each: 100.", min=0)] = None,
+    since: Annotated[str, typer.Option(help="Only lines since 10m (ago), or 2026-01-31T12:00:00Z.")] = "",
+    until: Annotated[str, typer.Option(help="Only lines before this time, in the form of --since.")] = "",
     previous: Annotated[
-        bool, Option("Only lines from before the current run, such as those of a crash.", names=("-p", "--previous"))
+        bool, typer.Option("-p", "--previous", help="Only lines from before the current run, such as those of a crash.")
     ] = False,
-    timestamps: Annotated[bool, Option("Show when each line was printed.", names=("-t", "--timestamps"))] = False,
-    output: Annotated[str, Option("table or json.", names=("-o", "--output"), choices=("table", "json"))] = "table",
+    timestamps: Annotated[bool, typer.Option("-t", "--timestamps", help="Show when each line was printed.")] = False,
+    output: Annotated[Literal["table", "json"], typer.Option("-o", "--output", help="table or json.")] = "table",
 ) -> None:
     """Print the logs of services, merged by time. The process engine keeps no times: there, earlier lines come one
     service after the other, `--since`, `--until` and `--previous` are refused, and `-t` shows when rorg saw a followed

@@ -7,7 +7,6 @@ import gc
 import os
 import sys
 
-from rorg.cli.commands import ALIASES, COMMANDS, command_of
 from rorg.errors import Exit, RorgError
 
 CLIENT_CODES = {
@@ -49,36 +48,25 @@ def run() -> None:
 
 
 def _command(words: list[str]) -> None:
-    """Runs a line: `rorg help X` is `rorg X --help`."""
-    name, *rest = words or ["help"]
-    if name in ("--version", "version"):
-        from rorg import __version__
+    """Runs a line. Not by typer's own main(), which turns a closed output and Ctrl-C into exit codes of its own."""
+    import typer
+    from typer._click.exceptions import UsageError
 
-        print(f"rorg {__version__}")
-    elif name in ("-h", "--help") or (name == "help" and not rest):
-        from rorg.cli.help import help_of_rorg
+    from rorg.cli.app import RORG
+    from rorg.cli.mistakes import misread
 
-        print(help_of_rorg())
-    elif name == "help":
-        _command([rest[0], "--help"])
-    elif name not in (*COMMANDS, *ALIASES):
-        from rorg.cli.usage import unknown
-
-        raise unknown(name)
-    elif {"-h", "--help"} & set(rest[: rest.index("--")] if "--" in rest else rest):
-        from rorg.cli.help import help_of
-
-        print(help_of(name))
-    else:
-        from rorg.cli import command_line, signature
-
-        command = command_of(name)
-        signature.call(command, command_line.read(name, signature.parameters(command), rest, os.environ))
+    try:
+        with RORG.make_context("rorg", ["--version"] if words == ["version"] else words) as ctx:
+            RORG.invoke(ctx)
+    except UsageError as error:
+        raise misread(error) from error
+    except typer.Exit as end:
+        sys.exit(end.exit_code)
 
 
 def _complete(words: list[str]) -> None:
     """Prints the completions of the last word of a line, for a shell."""
-    from rorg.cli.completions import answer
+    from rorg.cli.completion import answer
 
     print(answer(os.environ["_RORG_COMPLETE"], words))
 

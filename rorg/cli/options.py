@@ -1,163 +1,89 @@
-"""The arguments and options of commands, as plain values: command_line.py reads a line by them, help.py shows help, and
-completions.py completes words."""
+"""Arguments and options that several commands share, and the Context that some of the options make."""
 
 from __future__ import annotations
 
-import time
+import inspect
+import os
 from collections.abc import Callable
+from functools import partial, wraps
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple, get_args
 
+import typer
+
+from rorg.cli.context import ROBOT as ROBOT_VARIABLE
 from rorg.cli.context import Context
-from rorg.model.engines import ENGINES
-from rorg.model.units import parse_duration, parse_since, stamp
+from rorg.cli.kinds import DIRECTORY, FILE, duration, moment, service_name
+from rorg.cli.names import complete_services
+from rorg.cli.places import socket_of
+from rorg.errors import Invalid
 
-FORMS = ("table", "wide", "name", "yaml", "json")
-"""Of output."""
-SERVICES, GROUPS, REQUESTS = "services", "groups", "requests"
-"""Completions of names: of services and groups; of groups; of requests that can be released. Kinds of manifests, such
-as images, are completions too."""
-NAMES_OF_KIND = "names of kind"
-"""Names of the kind that is the first argument."""
-FILES, DIRECTORIES = ":files", ":directories"
-"""Completed by the shell."""
-KINDS = {
-    "service": (SERVICES, "service", "svc"),
-    "group": (GROUPS, "group"),
-    "image": ("images", "image"),
-    "network": ("networks", "network"),
-    "volume": ("volumes", "volume"),
-    "profile": ("profiles", "profile"),
-    "machine": ("machines", "machine"),
-    "policy": ("policies", "policy"),
-    "request": (REQUESTS, "request"),
-}
-"""Kind in lower case -> its names in a command line; the first is the folder of its manifests."""
+Form = Literal["table", "wide", "name", "yaml", "json"]
+"""A form of output."""
+FORMS: tuple[str, ...] = get_args(Form)
 
-
-class Argument(NamedTuple):
-    """A word of the command line without a name."""
-
-    help: str
-    show_default: bool = True
-    completes: str | tuple[str, ...] = ()
-    """What a shell offers for it: words, or one of the constants above."""
-    choices: tuple[str, ...] = ()
-    """The only words that it takes; a shell offers them."""
-    rest: bool = False
-    """It takes all words after `--`, unchanged."""
-    kinds: bool = False
-    """The command itself reads a kind in front of a name, such as service/navigation; elsewhere that of a service is
-    left out."""
-
-
-class Option(NamedTuple):
-    """A word with a name, such as `--for 10m`, or a flag."""
-
-    help: str
-    names: tuple[str, ...] = ()
-    """Default: the name of the parameter, --tls-cert for tls_cert."""
-    show_default: bool = True
-    envvar: str | None = None
-    metavar: str | None = None
-    """Name of its value in the help. Default: DURATION or TIME, if that is what it parses."""
-    parser: Callable[[str], Any] | None = None
-    """Makes the value from its text. Raises ValueError."""
-    least: float | None = None
-    most: float | None = None
-    completes: str | tuple[str, ...] = ()
-    choices: tuple[str, ...] = ()
-    """As of an argument, for the value."""
-    bare: str = ""
-    """The value of the name alone; then any other needs a `=`, as in `--wait=proven`."""
-
-    def read(self, text: str) -> Any:
-        """The value of a text, by the parser. Raises ValueError."""
-        return self.within(self.parser(text) if self.parser else text, text)
-
-    def within(self, value: Any, text: str) -> Any:
-        """The value, if it is within the limits. Raises ValueError."""
-        if self.least is not None and value < self.least:
-            raise ValueError(f"{text} is too small; the minimum is {self.least:g}")
-        if self.most is not None and value > self.most:
-            raise ValueError(f"{text} is too large; the maximum is {self.most:g}")
-        return value
-
-
-def duration(text: str) -> float:
-    """Seconds of "10s", "1m30s" or "10". Raises ValueError."""
-    return parse_duration(f"{text}s" if text.replace(".", "", 1).isdecimal() and text.isascii() else text)
-
-
-def moment(text: str) -> str:
-    """ISO 8601 in UTC of a time, or of so long ago: 10m, 2026-01-31T12:00:00Z. Raises ValueError."""
-    return stamp(parse_since(text, time.time()))
-
-
-def words(text: str) -> list[str]:
-    """The words of a list with commas."""
-    return [word for part in text.split(",") if (word := part.strip())]
-
-
-DIRECTORY = Argument(
-    "Directory of manifests. Default: that of the running rorg, or ./manifests, or the current one, or, if that has "
-    "none, the last one.",
-    show_default=False,
-    completes=DIRECTORIES,
-)
-Directory = Annotated[Path | None, DIRECTORY]
-MANIFESTS = Option("Directory of manifests.", names=("--manifests",), completes=DIRECTORIES)
-ManifestsDirectory = Annotated[Path | None, MANIFESTS]
-"""For commands whose first argument is something else."""
-ROBOT = Option(
-    "The robot of a fleet, whose robots/NAME/ changes the manifests. Default: RORG_ROBOT, or the name of this "
-    "machine if a robot has it.",
-    names=("--robot",),
-    show_default=False,
-    metavar="NAME",
-)
-"""Every command that takes a directory of manifests has it."""
-STATE_DIR = Option(
-    "State directory of the robot. Default: RORG_STATE_DIR, or /var/lib/rorg for root and ~/.local/state/rorg for "
-    "other users.",
-    names=("--state-dir",),
-    show_default=False,
-    completes=DIRECTORIES,
-)
-SOCKET = Option(
-    "Socket of the running rorg; it replaces the other options. Default: RORG_SOCKET, or the one in the state "
-    "directory, or /run/rorg/rorg.sock.",
-    names=("--socket",),
-    show_default=False,
-    metavar="PATH",
-    completes=FILES,
-)
-"""Every command with StateDirectory has it."""
-ON_MACHINE = Option(
-    "Ask this machine of the robot, through the running rorg here. For commands that read.",
-    names=("--on",),
-    show_default=False,
-    metavar="NAME",
-)
-"""The same."""
-StateDirectory = Annotated[Path | None, STATE_DIR]
-"""For commands that call the running rorg: they also have `--socket`."""
-OwnStateDirectory = Annotated[Path | None, STATE_DIR._replace(help=STATE_DIR.help.replace("the robot", "this robot"))]
-"""For commands that do not."""
-EngineName = Annotated[
-    str | None,
-    Option(
-        "docker or process. Default: docker.",
-        names=("--engine",),
-        envvar="RORG_ENGINE",
-        show_default=False,
-        choices=ENGINES,
+Directory = Annotated[
+    Path | None,
+    typer.Argument(
+        help="Directory of manifests (default: the running rorg's, else ./manifests).",
+        click_type=DIRECTORY,
     ),
 ]
+ManifestsDirectory = Annotated[
+    Path | None, typer.Option("--manifests", help="Directory of manifests.", click_type=DIRECTORY)
+]
+"""For commands whose first argument is something else."""
+RobotName = Annotated[
+    str | None,
+    typer.Option(
+        "--robot",
+        help="The robot of a fleet, whose robots/NAME/ changes the manifests. Default: RORG_ROBOT, or the name of this "
+        "machine if a robot has it.",
+        metavar="NAME",
+    ),
+]
+"""Every command that takes a directory of manifests has it."""
+STATE_DIR = partial(
+    typer.Option,
+    "--state-dir",
+    help="State directory of the robot. Default: RORG_STATE_DIR, or /var/lib/rorg for root and ~/.local/state/rorg for "
+    "other users.",
+    click_type=DIRECTORY,
+)
+StateDirectory = Annotated[Path | None, STATE_DIR()]
+"""For commands that call the running rorg: they also have `--socket` and `--on`."""
+OwnStateDirectory = Annotated[Path | None, STATE_DIR()]
+"""For commands that do not."""
+Socket = Annotated[
+    Path | None,
+    typer.Option(
+        "--socket",
+        help="Socket of the running rorg; it replaces the other options. Default: RORG_SOCKET, or the one in the state "
+        "directory, or /run/rorg/rorg.sock.",
+        click_type=FILE,
+    ),
+]
+"""Every command that calls the running rorg has it."""
+OnMachine = Annotated[
+    str | None,
+    typer.Option(
+        "--on",
+        help="Ask this machine of the robot, through the running rorg here. For commands that read.",
+        metavar="NAME",
+    ),
+]
+"""The same."""
+Engine = Literal["docker", "process", "swarm"]
+EngineName = Annotated[
+    Engine | None,
+    typer.Option("--engine", help="docker or process. Default: docker.", envvar="RORG_ENGINE"),
+]
+SHARED = ("--state-dir", "--socket", "--engine", "--robot", "--on")
+"""Explained once, by `rorg help options`."""
 
 
 class ContextOptions(NamedTuple):
-    """The options that make a command's Context: signature.py adds them to those that the command declares itself."""
+    """The options that make a command's Context."""
 
     engine: bool = True
     directory: Any = None
@@ -169,9 +95,13 @@ class ContextOptions(NamedTuple):
     @property
     def hints(self) -> dict[str, Any]:
         """Parameter of a Context -> its option."""
-        state_dir = OwnStateDirectory if self.own else StateDirectory
-        options = {"directory": self.directory, "state_dir": state_dir, "engine": EngineName if self.engine else None}
+        state_dir, engine = OwnStateDirectory if self.own else StateDirectory, EngineName if self.engine else None
+        options = {"directory": self.directory, "state_dir": state_dir, "engine": engine}
         return {name: hint for name, hint in options.items() if hint}
+
+    def context(self, values: dict[str, Any]) -> Context:
+        """The Context of these values, which are taken out."""
+        return Context(**{name: values.pop(name) for name in self.hints}, local=self.local, own=self.own)
 
 
 Robot = Annotated[Context, ContextOptions(engine=False)]
@@ -182,22 +112,77 @@ BuildTree = Annotated[Context, ContextOptions(directory=ManifestsDirectory, loca
 TreeDirectory = Annotated[Context, ContextOptions(directory=Directory, local=True)]
 TreeAlone = Annotated[Context, ContextOptions(engine=False, directory=Directory, local=True)]
 RunTree = Annotated[Context, ContextOptions(directory=Directory, local=True, own=True)]
-Output = Annotated[str, Option("table, wide, name, yaml or json.", names=("-o", "--output"), choices=FORMS)]
-Yes = Annotated[bool, Option("Do not ask.", names=("--yes", "-y"))]
-Wait = Annotated[bool, Option("Return when everything is ready; exit 4 if that fails.", names=("--wait",))]
-Timeout = Annotated[float, Option("Longest time to wait: 10s, 5m.", names=("--timeout",), parser=duration)]
-ServiceName = Annotated[str, Argument("A service or a group.", completes=SERVICES)]
-ServiceNames = Annotated[list[str], Argument("Services or groups.", completes=SERVICES)]
-Rest = Annotated[list[str], Argument("A program and its arguments, after `--`.", rest=True)]
-For = Annotated[
-    float | None, Option("How long, such as 10m or 1h30m.", names=("--for",), parser=duration, show_default=False)
+"""For a command's first parameter."""
+Output = Annotated[Form, typer.Option("-o", "--output", help="table, wide, name, yaml or json.", metavar="FORM")]
+Yes = Annotated[bool, typer.Option("--yes", "-y", help="Do not ask.")]
+Wait = Annotated[bool, typer.Option("--wait", help="Return when everything is ready; exit 4 if that fails.")]
+Timeout = Annotated[float, typer.Option("--timeout", help="Longest time to wait: 10s, 5m.", parser=duration)]
+ServiceName = Annotated[
+    str, typer.Argument(help="A service or a group.", parser=service_name, autocompletion=complete_services)
 ]
-End = Annotated[bool, Option("End it now.", names=("--end",))]
-Reason = Annotated[str, Option("Why; shown wherever rorg lists this.", names=("--reason",))]
-Since = Annotated[str | None, Option("Start: 10m (ago), or 2026-01-31T12:00:00Z. Default: 24h.", parser=moment)]
-Until = Annotated[str | None, Option("End. Default: now.", parser=moment)]
+ServiceNames = Annotated[
+    list[str], typer.Argument(help="Services or groups.", parser=service_name, autocompletion=complete_services)
+]
+For = Annotated[float | None, typer.Option("--for", help="How long, such as 10m or 1h30m.", parser=duration)]
+End = Annotated[bool, typer.Option("--end", help="End it now.")]
+Reason = Annotated[str, typer.Option("--reason", help="Why; shown wherever rorg lists this.")]
+Since = Annotated[
+    str | None, typer.Option(help="Start: 10m (ago), or 2026-01-31T12:00:00Z. Default: 24h.", parser=moment)
+]
+Until = Annotated[str | None, typer.Option(help="End. Default: now.", parser=moment)]
 
 
 def period(since: str | None, until: str | None) -> tuple[str, str]:
     """The times of Since and Until: by default the last day. ISO 8601 in UTC."""
     return since or moment("24h"), until or moment("0s")
+
+
+def with_shared_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """A command as typer reads it: with the options that make its Context in place of that, and those that every
+    command of its kind has."""
+    signature = inspect.signature(command, eval_str=True)
+    own, contexts = [], dict[str, ContextOptions]()
+    for parameter in signature.parameters.values():
+        declared = (get_args(parameter.annotation) or (None,))[-1]
+        if isinstance(declared, ContextOptions):
+            contexts[parameter.name] = declared
+        else:
+            own.append(parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY))
+    hints = {name: hint for options in contexts.values() for name, hint in options.hints.items()}
+    hints |= _place_options([p.annotation for p in own] + list(hints.values()))
+
+    @wraps(command)
+    def run(**values: Any) -> None:
+        _apply_place(values)
+        command(**{name: options.context(values) for name, options in contexts.items()}, **values)
+
+    del run.__wrapped__  # its signature would count
+    shared = [
+        inspect.Parameter(n, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=h) for n, h in hints.items()
+    ]
+    run.__signature__ = inspect.Signature([*own, *shared])  # type: ignore[attr-defined]
+    run.__annotations__ = {}
+    return run
+
+
+def _place_options(hints: list[Any]) -> dict[str, Any]:
+    """The options that commands have without declaring them, because they have these."""
+    found: dict[str, Any] = {}
+    if Directory in hints or ManifestsDirectory in hints:
+        found["robot"] = RobotName
+    if StateDirectory in hints:
+        found |= {"socket": Socket, "on_machine": OnMachine}
+    return found
+
+
+def _apply_place(values: dict[str, Any]) -> None:
+    """Puts `--socket`, `--on` and `--robot` into the environment, for everything that looks for rorg or reads
+    manifests, and for programs that the command starts. Raises Invalid if two places are given."""
+    if robot := values.pop("robot", None):
+        os.environ[ROBOT_VARIABLE] = robot
+    if socket := values.pop("socket", None):
+        if values.get("state_dir"):
+            raise Invalid("look in two places", "--socket and --state-dir each name one", "one of them")
+        os.environ["RORG_SOCKET"] = str(socket)
+    if machine := values.pop("on_machine", None):
+        os.environ["RORG_SOCKET"], values["state_dir"] = socket_of(machine, values.get("state_dir")), None

@@ -6,7 +6,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from rorg.cli.options import FILES, SERVICES, Argument, Option, Robot, Since, Until, period
+import typer
+
+from rorg.cli.kinds import FILE, service_name
+from rorg.cli.names import complete_services
+from rorg.cli.options import Robot, Since, Until, period
 from rorg.cli.output import missing, note
 from rorg.cli.records import Kept, Served, records_of
 from rorg.errors import Missing
@@ -20,25 +24,31 @@ KINDS = ("usage", "timeline", "graph")
 MOST = 60
 """Lanes in one picture."""
 
+File = Annotated[
+    Path | None,
+    typer.Option(
+        "-o",
+        "--output",
+        help="The picture: a name that ends in .svg, .png or .html. Default: the first word with .svg.",
+        metavar="FILE",
+        click_type=FILE,
+    ),
+]
+
 
 def command(
     context: Robot,
-    what: Annotated[str, Argument("usage, timeline or graph.", completes=KINDS)],
+    what: Annotated[str, typer.Argument(help="usage, timeline or graph.", autocompletion=lambda: list(KINDS))],
     services: Annotated[
-        list[str] | None, Argument("Only these services. Default: all that ran.", completes=SERVICES)
+        list[str] | None,
+        typer.Argument(
+            help="Only these services. Default: all that ran.", parser=service_name, autocompletion=complete_services
+        ),
     ] = None,
     *,
     since: Since = None,
     until: Until = None,
-    file: Annotated[
-        Path | None,
-        Option(
-            "The picture: a name that ends in .svg, .png or .html. Default: the first word with .svg.",
-            names=("-o", "--output"),
-            completes=FILES,
-            metavar="FILE",
-        ),
-    ] = None,
+    file: File = None,
 ) -> None:
     """Draw a picture of the robot for a report: what it used, what happened, or who needs whom now.
 

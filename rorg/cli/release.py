@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from typing import Annotated
 
+import typer
+
+from rorg.cli.names import complete_requests, complete_services
 from rorg.cli.operations import confirmed, operating
-from rorg.cli.options import REQUESTS, SERVICES, Argument, Option, Output, Robot, Yes
+from rorg.cli.options import Output, Robot, Yes
 from rorg.cli.output import note, print_rows
 from rorg.errors import Invalid
 
 
 def command(
     context: Robot,
-    id: Annotated[str, Argument("Id of the request.", completes=REQUESTS)],
+    id: Annotated[str, typer.Argument(help="Id of the request.", autocompletion=complete_requests)],
     requester: Annotated[
-        str, Option("Its requester, if several use the same id.", names=("--as",), completes=SERVICES)
+        str, typer.Option("--as", help="Its requester, if several use the same id.", autocompletion=complete_services)
     ] = "",
     yes: Yes = False,
     output: Output = "table",

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Any
 
+import typer
 from rorg_client import check_id
 
+from rorg.cli.kinds import Seconds, duration
 from rorg.cli.operations import Served, operating
-from rorg.cli.options import Option, Output, RobotEngine, ServiceNames, Timeout, Wait, duration
+from rorg.cli.options import Output, RobotEngine, ServiceNames, Timeout, Wait
 from rorg.cli.output import note, print_rows
 from rorg.errors import Invalid
 from rorg.model.units import format_duration
@@ -15,14 +17,18 @@ from rorg.model.units import format_duration
 if TYPE_CHECKING:
     from rorg.cli.offline import Local
 
-Id = Annotated[str, Option("Id of the request; the same id again replaces it. Default: the first service's name.")]
+Id = Annotated[
+    str, typer.Option(help="Id of the request; the same id again replaces it. Default: the first service's name.")
+]
 Ttl = Annotated[
     float | None,
-    Option("Lease, such as 10s: the request ends after that time unless it is sent again.", parser=duration),
+    typer.Option(help="Lease, such as 10s: the request ends after that time unless it is sent again.", parser=duration),
 ]
 Priority = Annotated[
     int | None,
-    Option("Raise its services to this priority while the request lasts. Default: their own.", least=0, most=100),
+    typer.Option(
+        help="Raise its services to this priority while the request lasts. Default: their own.", min=0, max=100
+    ),
 ]
 
 
@@ -30,15 +36,17 @@ def command(
     context: RobotEngine,
     services: ServiceNames,
     *,
-    requester: Annotated[str, Option("The service that asks.", names=("--as",))] = "developer",
+    requester: Annotated[str, typer.Option("--as", help="The service that asks.")] = "developer",
     id: Id = "",
-    reason: Annotated[str, Option("Why; shown by `rorg why`.")] = "",
+    reason: Annotated[str, typer.Option(help="Why; shown by `rorg why`.")] = "",
     ttl: Ttl = None,
     priority: Priority = None,
     output: Output = "table",
     wait: Wait = False,
-    rollback: Annotated[bool, Option("With --wait: withdraw the request if waiting fails, or on Ctrl-C.")] = False,
-    timeout: Timeout = 60.0,
+    rollback: Annotated[
+        bool, typer.Option("--rollback", help="With --wait: withdraw the request if waiting fails, or on Ctrl-C.")
+    ] = False,
+    timeout: Timeout = Seconds(60),
 ) -> None:
     """Request services. They run, with everything they need, until the request is released.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from rorg.cli.interlocks import report_locked
+from rorg.cli.kinds import Seconds
 from rorg.cli.operations import confirmed, operating
 from rorg.cli.options import Output, RobotEngine, ServiceName, Timeout, Wait, Yes
 from rorg.cli.output import print_rows
@@ -13,7 +14,7 @@ def command(
     service: ServiceName,
     yes: Yes = False,
     wait: Wait = False,
-    timeout: Timeout = 60.0,
+    timeout: Timeout = Seconds(60),
     output: Output = "table",
 ) -> None:
     """Stop and start an active service, or each one of a group. Ask first if that stops a driver or other services.

@@ -5,9 +5,12 @@ from __future__ import annotations
 import time
 from typing import Annotated, Any
 
+import typer
+
 from rorg.cli.apply import agree
 from rorg.cli.differences import Differences
-from rorg.cli.options import Option, Timeout, Tree, Wait, Yes
+from rorg.cli.kinds import Seconds
+from rorg.cli.options import Timeout, Tree, Wait, Yes
 from rorg.cli.output import note
 from rorg.errors import Invalid
 
@@ -16,13 +19,14 @@ def command(
     context: Tree,
     at: Annotated[
         str,
-        Option(
-            "A time, such as 10m (ago) or 2026-01-31T12:00:00Z, or a REV as for `rorg rollback`.", metavar="TIME|REV"
+        typer.Option(
+            help="A time, such as 10m (ago) or 2026-01-31T12:00:00Z, or a REV as for `rorg rollback`.",
+            metavar="TIME|REV",
         ),
     ] = "",
     yes: Yes = False,
     wait: Wait = False,
-    timeout: Timeout = 300.0,
+    timeout: Timeout = Seconds(300),
 ) -> None:
     """Bring the robot back to an earlier time: its manifests, as `rorg rollback` does, and the requests that people
     had made.

@@ -271,7 +271,7 @@ def go_back(
     waitings = [w for w in comparison.plan["waitings"] if w.get("code") != CONFIRM or w["service"] in shown.unconfirmed]
     agreed_to = comparison._replace(withheld=withheld, plan={**comparison.plan, "waitings": waitings})
     wait, timeout = waiting
-    bring_about(context, owner, agreed_to, READY if wait else "", timeout)
+    bring_about(context, owner, agreed_to, READY if wait else None, timeout)
     return bool(made)
 
 

@@ -5,22 +5,30 @@ from __future__ import annotations
 from functools import partial
 from typing import Annotated
 
+import typer
+
 from rorg.cli.apply import agree
-from rorg.cli.options import SERVICES, Argument, Option, Timeout, Tree, Wait, Yes
+from rorg.cli.kinds import Seconds
+from rorg.cli.names import complete_services
+from rorg.cli.options import Timeout, Tree, Wait, Yes
 from rorg.cli.output import echo, note
 
 
 def command(
     context: Tree,
     revision: Annotated[
-        str, Argument("REV: a number from `rorg history`, or a commit as in git. Default: the last proven one.")
+        str,
+        typer.Argument(help="REV: a number from `rorg history`, or a commit as in git. Default: the last proven one."),
     ] = "",
-    service: Annotated[str, Option("Only the manifest of this service.", metavar="SERVICE", completes=SERVICES)] = "",
+    service: Annotated[
+        str,
+        typer.Option(help="Only the manifest of this service.", metavar="SERVICE", autocompletion=complete_services),
+    ] = "",
     *,
-    printed: Annotated[bool, Option("Only print the git commands that make the commit.", names=("--print",))] = False,
+    printed: Annotated[bool, typer.Option("--print", help="Only print the git commands that make the commit.")] = False,
     yes: Yes = False,
     wait: Wait = False,
-    timeout: Timeout = 300.0,
+    timeout: Timeout = Seconds(300),
 ) -> None:
     """Return to revision REV: show the plan, ask, commit the manifests and image sources of REV, and carry it out.
 

@@ -11,11 +11,13 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import typer
 from rorg_client import Error
 
 from rorg.cli.context import Context
+from rorg.cli.kinds import DIRECTORY, DIRECTORY_NAME, FILE, Seconds, durations
 from rorg.cli.listening import Files, files_of_machine, listening
-from rorg.cli.options import DIRECTORIES, FILES, Option, RunTree, duration
+from rorg.cli.options import RunTree
 from rorg.cli.output import note
 from rorg.cli.terminal import entry
 from rorg.errors import Invalid
@@ -35,47 +37,54 @@ STAY_DOWN = "RORG_STAY_DOWN"
 """The variable by which a supervisor that restarts rorg says that no person does."""
 LOOK = b"l"
 """What the handler of SIGHUP writes into the pipe."""
-Pem = Annotated[Path | None, Option("PEM file, for --listen.", show_default=False)]
-
+Pem = Annotated[Path | None, typer.Option(help="PEM file, for --listen.")]
 Group = Annotated[
-    str, Option("Members of this group (name or number) may do everything through the socket.", envvar="RORG_GROUP")
+    str,
+    typer.Option(
+        help="Members of this group (name or number) may do everything through the socket.", envvar="RORG_GROUP"
+    ),
 ]
 Listen = Annotated[
-    str, Option("Also serve the API on TCP, with TLS and only for clients with a certificate.", metavar="HOST:PORT")
+    str,
+    typer.Option(
+        help="Also serve the API on TCP, with TLS and only for clients with a certificate.", metavar="HOST:PORT"
+    ),
 ]
 Machine = Annotated[
     str,
-    Option(
-        "Which of the robot's machines this is. Default: RORG_MACHINE, or the one that it was last, or the one with "
-        "the name of this computer.",
-        show_default=False,
+    typer.Option(
+        help="Which of the robot's machines this is. Default: RORG_MACHINE, or the one that it was last, or the one "
+        "with the name of this computer.",
         metavar="NAME",
     ),
 ]
 Certificates = Annotated[
     Path | None,
-    Option(
-        f"For --listen, on port {PORT} by default: the files that `rorg certificate` has made for this machine.",
-        show_default=False,
+    typer.Option(
+        help=f"For --listen, on port {PORT} by default: the files that `rorg certificate` has made for this machine.",
         metavar="DIR",
-        completes=DIRECTORIES,
+        click_type=DIRECTORY,
     ),
 ]
 Git = Annotated[
     str,
-    Option(
-        "Follow the manifests of this repository instead of a directory.",
+    typer.Option(
+        help="Follow the manifests of this repository instead of a directory.",
         metavar="REPO[@BRANCH]",
-        completes=DIRECTORIES,
+        click_type=DIRECTORY_NAME,
     ),
 ]
 Signers = Annotated[
     Path | None,
-    Option(
-        "Accept only signed commits: a file of allowed ssh signers, or a GnuPG home.",
+    typer.Option(
+        help="Accept only signed commits: a file of allowed ssh signers, or a GnuPG home.",
         metavar="FILE|DIR",
-        completes=FILES,
+        click_type=FILE,
     ),
+]
+TlsRevoked = Annotated[Path | None, typer.Option(help="PEM list (CRL) of revoked client certificates, for --listen.")]
+Top = Annotated[
+    str, typer.Option(help="Directory of the manifests in the repository. Default: its top.", metavar="DIR")
 ]
 
 
@@ -89,13 +98,13 @@ def command(
     tls_cert: Pem = None,
     tls_key: Pem = None,
     tls_ca: Pem = None,
-    tls_revoked: Annotated[Path | None, Option("PEM list (CRL) of revoked client certificates, for --listen.")] = None,
+    tls_revoked: TlsRevoked = None,
     git: Git = "",
-    path: Annotated[str, Option("Directory of the manifests in the repository. Default: its top.", metavar="DIR")] = "",
-    poll: Annotated[float, Option("How often to fetch: 30s, 5m.", parser=duration, least=1, most=86_400)] = 30.0,
-    committed: Annotated[bool, Option("Use only committed manifests of DIRECTORY.")] = False,
+    path: Top = "",
+    poll: Annotated[float, typer.Option(help="How often to fetch: 30s, 5m.", parser=durations(1, 86400))] = Seconds(30),
+    committed: Annotated[bool, typer.Option("--committed", help="Use only committed manifests of DIRECTORY.")] = False,
     signers: Signers = None,
-    ui: Annotated[bool, Option("Also serve the page of `rorg ui`, and print its address.")] = False,
+    ui: Annotated[bool, typer.Option("--ui", help="Also serve the page of `rorg ui`, and print its address.")] = False,
 ) -> None:
     """Run the loop until stopped: keep the containers as manifests and requests say, and serve the API.
 

@@ -11,10 +11,12 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Annotated, Any
 
+import typer
 from rorg_client import Error as ClientError
 
+from rorg.cli.kinds import Seconds
 from rorg.cli.operations import watched
-from rorg.cli.options import Option, Rest, Robot, ServiceNames, Timeout
+from rorg.cli.options import Robot, ServiceNames, Timeout
 from rorg.cli.output import note
 from rorg.errors import Invalid
 
@@ -26,13 +28,13 @@ TYPED = (signal.SIGINT, signal.SIGQUIT)
 def command(
     context: Robot,
     services: ServiceNames,
-    program: Rest,
+    program: Annotated[list[str], typer.Argument(help="A program and its arguments, after `--`.")],
     *,
-    no_wait: Annotated[bool, Option("Start the command immediately, without waiting.")] = False,
-    timeout: Timeout = 60.0,
-    requester: Annotated[str, Option("The service that asks.", names=("--as",))] = "developer",
-    reason: Annotated[str, Option("Why; shown by `rorg why`. Default: the program's name.")] = "",
-    priority: Annotated[int | None, Option("As in `rorg request`.", least=0, most=100)] = None,
+    no_wait: Annotated[bool, typer.Option("--no-wait", help="Start the command immediately, without waiting.")] = False,
+    timeout: Timeout = Seconds(60),
+    requester: Annotated[str, typer.Option("--as", help="The service that asks.")] = "developer",
+    reason: Annotated[str, typer.Option(help="Why; shown by `rorg why`. Default: the program's name.")] = "",
+    priority: Annotated[int | None, typer.Option(help="As in `rorg request`.", min=0, max=100)] = None,
 ) -> None:
     """Request services for as long as a command runs.
 

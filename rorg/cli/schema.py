@@ -5,12 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from rorg.cli.options import Argument
+import typer
+
 from rorg.cli.output import disk_errors, note
 
 
 def command(
-    directory: Annotated[Path, Argument("Directory to write to; created if missing.")] = Path("schemas"),
+    directory: Annotated[Path, typer.Argument(help="Directory to write to; created if missing.")] = Path("schemas"),
 ) -> None:
     """Write the JSON schemas of manifests, which editors use to complete and check them.
 

@@ -7,8 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import typer
+
 from rorg.cli.context import Context
-from rorg.cli.options import FILES, Argument, Directory, Option, Output, duration
+from rorg.cli.kinds import FILE, Seconds, durations, numbers
+from rorg.cli.options import Directory, Output
 from rorg.cli.output import disk_errors, note, print_rows
 from rorg.errors import Invalid
 from rorg.model.units import format_memory
@@ -23,37 +26,39 @@ if TYPE_CHECKING:
 
 WorkloadFile = Annotated[
     Path | None,
-    Option(
-        "File of a Workload: how programs use the machine. Default: `resources` and `ready` of the manifests.",
-        completes=FILES,
+    typer.Option(
+        help="File of a Workload: how programs use the machine. Default: `resources` and `ready` of the manifests.",
+        click_type=FILE,
     ),
 ]
 Learn = Annotated[
     Path | None,
-    Option(
-        "File of another Trace, from which to learn prewarming before the first one begins. Default: "
+    typer.Option(
+        help="File of another Trace, from which to learn prewarming before the first one begins. Default: "
         "learn during the first one.",
         metavar="TRACE",
-        completes=FILES,
+        click_type=FILE,
     ),
 ]
 Cores = Annotated[
     float | None,
-    Option(
-        "Cores of the machine: while programs want more, each gets its share and comes up more slowly. Default: there "
-        "are always enough.",
-        least=0.1,
+    typer.Option(
+        help="Cores of the machine: while programs want more, each gets its share and comes up more slowly. Default: "
+        "there are always enough.",
         metavar="N",
+        parser=numbers(0.1),
     ),
 ]
 Plot = Annotated[
     Path | None,
-    Option("Plot CPU, memory and the activity of the robot over time to a .svg, .png or .html.", completes=FILES),
+    typer.Option(
+        help="Plot CPU, memory and the activity of the robot over time to a .svg, .png or .html.", click_type=FILE
+    ),
 ]
 Compare = Annotated[
     list[str],
-    Option(
-        "Compare with this variant: a directory of manifests, the file of a Policy, or settings for all "
+    typer.Option(
+        help="Compare with this variant: a directory of manifests, the file of a Policy, or settings for all "
         "services that are not always on, such as linger=20s,idle=pause,prewarm=auto. Repeat it for more "
         "variants.",
         metavar="[NAME=]VARIANT",
@@ -61,23 +66,23 @@ Compare = Annotated[
 ]
 Sweep = Annotated[
     list[str],
-    Option(
-        "Compare all combinations of settings: --sweep linger=0s,20s --sweep idle=pause,stop.",
+    typer.Option(
+        help="Compare all combinations of settings: --sweep linger=0s,20s --sweep idle=pause,stop.",
         metavar="SETTING=VALUES",
     ),
 ]
 
 
 def command(
-    trace: Annotated[Path, Argument("File of a Trace: the requests to replay.", completes=FILES)],
+    trace: Annotated[Path, typer.Argument(help="File of a Trace: the requests to replay.", click_type=FILE)],
     directory: Directory = None,
     *,
     workload: WorkloadFile = None,
-    seed: Annotated[int, Option("Random seed.")] = 1,
+    seed: Annotated[int, typer.Option(help="Random seed.")] = 1,
     learn: Learn = None,
     cores: Cores = None,
-    every: Annotated[float, Option("Time between two samples.", parser=duration, least=0.01)] = 1.0,
-    csv: Annotated[Path | None, Option("Write the time series to a file.", completes=FILES)] = None,
+    every: Annotated[float, typer.Option(help="Time between two samples.", parser=durations(0.01))] = Seconds(1),
+    csv: Annotated[Path | None, typer.Option(help="Write the time series to a file.", click_type=FILE)] = None,
     plot: Plot = None,
     compare: Compare = [],  # noqa: B006
     sweep: Sweep = [],  # noqa: B006

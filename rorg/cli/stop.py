@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated
 
+import typer
 from rorg_client import NotFound
 
+from rorg.cli.names import complete_requests, complete_services
 from rorg.cli.operations import Served, operating
-from rorg.cli.options import REQUESTS, SERVICES, Argument, Option, Output, Robot, Yes
+from rorg.cli.options import Output, Robot, Yes
 from rorg.cli.release import command as release
 from rorg.errors import Missing, StillWanted
 
@@ -19,9 +21,9 @@ if TYPE_CHECKING:
 
 def command(
     context: Robot,
-    id: Annotated[str, Argument("Id of the request.", completes=REQUESTS)],
+    id: Annotated[str, typer.Argument(help="Id of the request.", autocompletion=complete_requests)],
     requester: Annotated[
-        str, Option("Its requester, if several use the same id.", names=("--as",), completes=SERVICES)
+        str, typer.Option("--as", help="Its requester, if several use the same id.", autocompletion=complete_services)
     ] = "",
     yes: Yes = False,
     output: Output = "table",

@@ -5,7 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Annotated, Any
 
-from rorg.cli.options import SERVICES, Argument, Option, Output, Robot, Since, Until, period
+import typer
+
+from rorg.cli.kinds import service_name
+from rorg.cli.names import complete_services
+from rorg.cli.options import Output, Robot, Since, Until, period
 from rorg.cli.output import echo, print_rows
 from rorg.cli.records import records_of
 from rorg.cli.terminal import printable
@@ -20,11 +24,16 @@ LEAST = 20
 
 def command(
     context: Robot,
-    service: Annotated[str, Argument("A service, also one that no longer exists.", completes=SERVICES)],
+    service: Annotated[
+        str,
+        typer.Argument(
+            help="A service, also one that no longer exists.", parser=service_name, autocompletion=complete_services
+        ),
+    ],
     since: Since = None,
     until: Until = None,
     tail: Annotated[
-        int, Option("How many of the last states to list below the chart.", names=("-n", "--tail"), least=0)
+        int, typer.Option("-n", "--tail", help="How many of the last states to list below the chart.", min=0)
     ] = 20,
     output: Output = "table",
 ) -> None:

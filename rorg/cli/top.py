@@ -7,16 +7,21 @@ import sys
 import time
 from typing import Annotated
 
+import typer
+
 from rorg.cli.context import Context
-from rorg.cli.options import Option, Output, Robot, duration
+from rorg.cli.kinds import Seconds, durations
+from rorg.cli.options import Output, Robot
 from rorg.cli.output import print_rows, table
 from rorg.cli.top_view import COLUMNS, cells_of, header, look
 
 
 def command(
     context: Robot,
-    once: Annotated[bool, Option("Print one table and exit.")] = False,
-    interval: Annotated[float, Option("Time between updates: 500ms, 2s.", parser=duration, least=0.2)] = 1.0,
+    once: Annotated[bool, typer.Option("--once", help="Print one table and exit.")] = False,
+    interval: Annotated[float, typer.Option(help="Time between updates: 500ms, 2s.", parser=durations(0.2))] = Seconds(
+        1
+    ),
     output: Output = "table",
 ) -> None:
     """Show what runs, what it uses and who asked for it, and the machine with its pressure and budget. On a

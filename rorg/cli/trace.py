@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
 
 from rorg.cli.context import Context
-from rorg.cli.options import FILES, Argument, Option, Output, Robot, duration, moment, period
+from rorg.cli.kinds import FILE, duration, moment
+from rorg.cli.options import Output, Robot, period
 from rorg.cli.output import disk_errors, echo, note, print_rows
 from rorg.cli.records import records_of
 from rorg.errors import Invalid
@@ -24,30 +27,38 @@ PARTS = 1000.0
 
 Length = Annotated[
     float,
-    Option("For generate: length of the day. Default: 4h.", names=("--duration",), parser=duration, show_default=False),
+    typer.Option(
+        "--duration", help="For generate: length of the day. Default: 4h.", parser=duration, show_default=False
+    ),
 ]
-Greetings = Annotated[int | None, Option("For generate: number of visitors to greet. Default: 47 an hour.", least=0)]
-Tours = Annotated[int | None, Option("For generate: how many of them get a tour. Default: 5 in 2 hours.", least=0)]
+Greetings = Annotated[
+    int | None, typer.Option(help="For generate: number of visitors to greet. Default: 47 an hour.", min=0)
+]
+Tours = Annotated[
+    int | None, typer.Option(help="For generate: how many of them get a tour. Default: 5 in 2 hours.", min=0)
+]
 Since = Annotated[
-    str | None, Option("For record: start, 10m (ago) or 2026-01-31T12:00:00Z. Default: 24h.", parser=moment)
+    str | None, typer.Option(help="For record: start, 10m (ago) or 2026-01-31T12:00:00Z. Default: 24h.", parser=moment)
 ]
 File = Annotated[
     Path | None,
-    Option("For generate and record: the file to write. Default: standard output.", completes=FILES, metavar="FILE"),
+    typer.Option(
+        help="For generate and record: the file to write. Default: standard output.", metavar="FILE", click_type=FILE
+    ),
 ]
 
 
 def command(
     context: Robot,
-    action: Annotated[str, Argument("generate, record, or show FILE.", choices=ACTIONS)],
-    trace: Annotated[Path | None, Argument("For show: the file of a trace.", completes=FILES)] = None,
+    action: Annotated[Literal["generate", "record", "show"], typer.Argument(help="generate, record, or show FILE.")],
+    trace: Annotated[Path | None, typer.Argument(help="For show: the file of a trace.", click_type=FILE)] = None,
     *,
     length: Length = 4 * 3600.0,
     greetings: Greetings = None,
     tours: Tours = None,
-    seed: Annotated[int, Option("For generate: random seed.", least=0)] = 1,
+    seed: Annotated[int, typer.Option(help="For generate: random seed.", min=0)] = 1,
     since: Since = None,
-    until: Annotated[str | None, Option("For record: end. Default: now.", parser=moment)] = None,
+    until: Annotated[str | None, typer.Option(help="For record: end. Default: now.", parser=moment)] = None,
     file: File = None,
     output: Output = "table",
 ) -> None:

@@ -13,12 +13,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
+import typer
 from rorg_client import Client
 
-from rorg.cli.options import Option, Robot
+from rorg.cli.options import Robot
 from rorg.cli.output import note
 
-Port = Annotated[int, Option("The port on 127.0.0.1; 0 for any free one.", least=0, most=65_535)]
+Port = Annotated[int, typer.Option(help="The port on 127.0.0.1; 0 for any free one.", min=0, max=65535)]
 
 BOUND = "RORG_UI_BOUND"
 """The variable by which `rorg run --ui` says that the page ends with its standard input."""
@@ -27,8 +28,8 @@ BOUND = "RORG_UI_BOUND"
 def command(
     context: Robot,
     port: Port = 7880,
-    read_only: Annotated[bool, Option("Show everything, and change nothing.")] = False,
-    no_browser: Annotated[bool, Option("Only print the address.")] = False,
+    read_only: Annotated[bool, typer.Option("--read-only", help="Show everything, and change nothing.")] = False,
+    no_browser: Annotated[bool, typer.Option("--no-browser", help="Only print the address.")] = False,
 ) -> None:
     """Show the robot in the browser: what runs, why, what it costs, and what happened.
 

@@ -6,12 +6,14 @@ import os
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn
 from urllib.parse import quote
+
+import typer
 
 from rorg.cli.context import Context, known_engine
 from rorg.cli.differences import line
-from rorg.cli.options import FORMS, Directory, EngineName, Option, StateDirectory
+from rorg.cli.options import Directory, EngineName, StateDirectory
 from rorg.cli.output import dump, note, print_rows
 from rorg.cli.terminal import hide
 from rorg.errors import Exit, Invalid, advice
@@ -31,17 +33,20 @@ def command(
     directory: Directory = None,
     engine: EngineName = None,
     output: Annotated[
-        str,
-        Option(
-            "table, wide, name, yaml, json; or sarif, which code hosts and editors show at the lines.",
-            names=("-o", "--output"),
-            choices=(*FORMS, SARIF),
+        Literal["table", "wide", "name", "yaml", "json", "sarif"],
+        typer.Option(
+            "-o",
+            "--output",
+            help="table, wide, name, yaml, json; or sarif, which code hosts and editors show at the lines.",
         ),
     ] = "table",
     machine: Annotated[
-        bool, Option("Also check against this machine and its engine: devices, paths, ports, limits, runtimes.")
+        bool,
+        typer.Option(
+            "--machine", help="Also check against this machine and its engine: devices, paths, ports, limits, runtimes."
+        ),
     ] = False,
-    hints: Annotated[bool, Option("Also show hints: findings that change little.")] = False,
+    hints: Annotated[bool, typer.Option("--hints", help="Also show hints: findings that change little.")] = False,
     state_dir: StateDirectory = None,
 ) -> None:
     """Check manifests and report every mistake with file:line:column, for the base and for each robot with an
@@ -53,7 +58,6 @@ def command(
     """
     from rorg.manifest.documents import manifest_files
 
-    engine = known_engine(engine)
     root = directory or (Path("manifests") if os.path.isdir("manifests") else Path("."))
     client = None if directory or manifest_files(root) else Context(state_dir, engine).client()
     if client and (machine or hints):
@@ -61,7 +65,7 @@ def command(
     if client:
         _followed(client.call("GET", "/v1/diff"), output)
     else:
-        _read(root, engine, output, Context(state_dir, engine, root).named_robot, machine, hints)
+        _read(root, known_engine(engine), output, Context(state_dir, engine, root).named_robot, machine, hints)
 
 
 def _here(root: str) -> Path:

@@ -18,8 +18,9 @@ import engine_link  # noqa: F401
 import fork_server
 
 import rorg.api.server
-import rorg.cli.help
 from rorg.api.app import make_app
+from rorg.cli.app import typer_command
+from rorg.cli.commands import COMMANDS
 
 
 class Later:
@@ -43,7 +44,8 @@ def prepare() -> None:
 
 
 if __name__ == "__main__":
-    rorg.cli.help.help_of_rorg()  # imports all commands
+    for name in COMMANDS:
+        typer_command(name)
     prepare()
     del sys.path[0]
     gc.freeze()

@@ -5,14 +5,17 @@ from __future__ import annotations
 import sys
 from typing import Annotated
 
-from rorg.cli.options import EngineName, Option
+import typer
+
+from rorg.cli.kinds import numbers
+from rorg.cli.options import EngineName
 
 
 def command(
     engine: EngineName = None,
-    speed: Annotated[float, Option("Speed; 2 is twice as fast.", least=0.1, most=20)] = 1.0,
-    keep: Annotated[bool, Option("Keep the robot running at the end.")] = False,
-    svg: Annotated[str | None, Option("Save a picture of standby and tour to this file.")] = None,
+    speed: Annotated[float, typer.Option(help="Speed; 2 is twice as fast.", parser=numbers(0.1, 20))] = 1.0,
+    keep: Annotated[bool, typer.Option("--keep", help="Keep the robot running at the end.")] = False,
+    svg: Annotated[str | None, typer.Option(help="Save a picture of standby and tour to this file.")] = None,
 ) -> None:
     """Run a tour-guide robot of stand-in services through its work, and leave nothing behind.
 

@@ -1,14 +1,14 @@
-"""Errors in command lines, each in one line with a remedy. Suggestions are safe: a command that changes something is
+"""Mistakes in command lines, each in one line with a remedy. Suggestions are safe: a command that changes something is
 only suggested, with its purpose, if nothing else can be meant."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Sequence
+from difflib import get_close_matches
+from typing import Any
 
-from rorg.cli.commands import ALIASES, COMMANDS, command_of
-from rorg.cli.options import Option
-from rorg.cli.signature import Parameter
+from typer._click.exceptions import NoSuchOption, UsageError
+
+from rorg.cli.commands import ALIASES, COMMANDS, SUMMARIES
 from rorg.cli.terminal import printable
 from rorg.errors import Invalid
 
@@ -56,16 +56,12 @@ def suggestion(word: str) -> str:
 
 
 def _alike(word: str) -> list[str]:
-    import difflib
-
-    return difflib.get_close_matches(word, sorted(LOOKING), n=1, cutoff=0.6)
+    return get_close_matches(word, sorted(LOOKING), n=1, cutoff=0.6)
 
 
 def _purpose(name: str) -> str:
-    """The purpose of a command: the first sentence of its help."""
-    text = (command_of(name).__doc__ or "").strip()
-    first = re.split(r"[.;:,](?:\s|$)", text, maxsplit=1)[0]
-    return first[:1].lower() + first[1:]
+    summary = SUMMARIES[ALIASES.get(name, name)].rstrip(".")
+    return summary[:1].lower() + summary[1:]
 
 
 def one_slip(word: str, name: str) -> bool:
@@ -82,18 +78,24 @@ def one_slip(word: str, name: str) -> bool:
     )
 
 
-def misread(name: str, why: str, remedy: str = "") -> Invalid:
-    """The error for a line that cannot be read. `name`: of the command."""
-    return Invalid(f"run `rorg {name}`", printable(why), remedy or f"`rorg {name} --help`")
+def misread(error: UsageError) -> Invalid:
+    """The error for a line that typer cannot read: its own sentence, on one line, with a remedy."""
+    ctx = error.ctx
+    if ctx is None or ctx.parent is None:
+        return unknown(getattr(error, "option_name", "-"))
+    name = ctx.info_name
+    remedy = _option_remedy(name, error.option_name, ctx.command) if isinstance(error, NoSuchOption) else ""
+    text = error.message if remedy else error.format_message()
+    return Invalid(
+        f"run `rorg {name}`", printable(text[:1].lower() + text[1:].rstrip(".")), remedy or f"`rorg {name} --help`"
+    )
 
 
-def unknown_option(name: str, option: str, declared: Sequence[Parameter]) -> Invalid:
-    """The error for an unknown option."""
-    import difflib
-
-    known = ["--help", *(n for p in declared if isinstance(p.declared, Option) for n in p.declared.names)]
+def _option_remedy(name: str | None, option: str, command: Any) -> str:
+    """What to use instead of an unknown option; empty if nothing is close."""
+    known = ["--help", *(n for p in command.params for n in p.opts if n.startswith("-"))]
     close = [n for n in known if len(option) > 3 and n.startswith(option)]
-    close += difflib.get_close_matches(option, known, n=1, cutoff=0.7)
-    runs = any(p.name == "command" for p in declared)
+    close += get_close_matches(option, known, n=1, cutoff=0.7)
+    runs = any(p.name == "command" for p in command.params)
     own = f"`rorg {name} SERVICE -- COMMAND` if it belongs to the command" if runs else ""
-    return misread(name, f"unknown option {option}", close[0] if close else own)
+    return close[0] if close else own

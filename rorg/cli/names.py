@@ -1,0 +1,110 @@
+"""Names that a shell offers after TAB: from the running rorg, or from a quick look at the manifests. What takes time is
+imported only when a shell asks."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from rorg.cli.kinds import KINDS
+
+if TYPE_CHECKING:
+    from rorg.cli.context import Context
+
+LONGEST = 1.0
+"""Longest time, in seconds, that a shell waits for names."""
+MOST = 1 << 16
+"""Characters of a manifest that are read."""
+NAME = re.compile(
+    r"""^metadata:\s*(?:\{[^}\n]*?|(?:.*\n\s+)*?)\bname:\s*["']?([\w.-]+(?:[/:][\w.-]+)*)""", re.MULTILINE
+)
+SEPARATOR = re.compile(r"^---(?=\s)", re.MULTILINE)
+KIND = re.compile(r"^kind:\s*(\w+)", re.MULTILINE)
+
+
+def complete_services(ctx: typer.Context, incomplete: str) -> list[str]:
+    """Names of services and groups."""
+    return _completions(ctx, "service", incomplete)
+
+
+def complete_groups(ctx: typer.Context, incomplete: str) -> list[str]:
+    """Names of groups."""
+    return _completions(ctx, "group", incomplete)
+
+
+def complete_images(ctx: typer.Context, incomplete: str) -> list[str]:
+    """Names of images of the tree."""
+    return _completions(ctx, "image", incomplete)
+
+
+def complete_requests(ctx: typer.Context, incomplete: str) -> list[str]:
+    """Ids of requests that can be released."""
+    return _completions(ctx, "request", incomplete)
+
+
+def complete_kinds_and_names(ctx: typer.Context, incomplete: str) -> list[str]:
+    """Services and groups, or names of the kind that the line has first."""
+    first = next(_typed(ctx), "")
+    kind = next((kind for kind, words in KINDS.items() if first in words), "service")
+    return _completions(ctx, kind, incomplete)
+
+
+def complete_commands(incomplete: str) -> list[tuple[str, str]]:
+    """Commands with their summaries."""
+    from rorg.cli.commands import SUMMARIES
+
+    return [(name, summary) for name, summary in SUMMARIES.items() if name.startswith(incomplete)]
+
+
+def _typed(ctx: typer.Context) -> Iterator[str]:
+    """The words of arguments that take several."""
+    return (word for value in ctx.params.values() if isinstance(value, list | tuple) for word in value)
+
+
+def _completions(ctx: typer.Context, kind: str, incomplete: str) -> list[str]:
+    """Names of a kind that the line does not have yet; none if anything goes wrong, because a shell asks."""
+    try:
+        from rorg.cli.context import Context
+
+        context = Context(ctx.params.get("state_dir"), None, ctx.params.get("directory"))
+        context.notices.quiet = True
+        names = _served(context, kind) if context.client() else _glanced(context, kind)
+    except Exception:
+        return []
+    typed = set(_typed(ctx))
+    return [name for name in names if name not in typed and name.startswith(incomplete)]
+
+
+def _served(context: Context, kind: str) -> list[str]:
+    client = context.serving("complete")
+    client.timeout, client.patience = LONGEST, 0.0
+    if kind == "request":
+        return [r["id"] for r in client.requests() if not r["standing"]]
+    if kind == "service":
+        return [s["service"] for s in client.services()] + [g["name"] for g in client.groups()]
+    if kind == "group":
+        return [g["name"] for g in client.groups()]
+    return [m["name"] for m in client.manifests() if m["kind"].lower() == kind]
+
+
+def _glanced(context: Context, kind: str) -> Iterable[str]:
+    if kind == "request":
+        return [r.id for r in context.document().requests]
+    return declared(context.root, ("service", "group") if kind == "service" else (kind,))
+
+
+def declared(root: Path, kinds: Sequence[str]) -> list[str]:
+    """Names in the manifests, by a quick look: a shell should not wait until they are loaded."""
+    names = ["developer"] if "service" in kinds else []
+    for path in sorted((*root.glob("*.yaml"), *(p for k in kinds for p in root.glob(f"{KINDS[k][0]}/*.yaml")))):
+        with path.open(encoding="utf-8", errors="replace") as file:
+            text = file.read(MOST)
+        for part in SEPARATOR.split(text):
+            kind, name = KIND.search(part), NAME.search(part)
+            if kind and name and kind[1].lower() in kinds:
+                names.append(name[1])
+    return names
