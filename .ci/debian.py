@@ -8,15 +8,14 @@ import os
 import shutil
 import subprocess
 import sys
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "images/rorg"))
+sys.path.extend(str(Path(__file__).resolve().parents[1] / name) for name in (".ci", "images/rorg"))
 
+from dependencies import ROOT, group
 from wheels import selection
 
-ROOT = Path(__file__).resolve().parent.parent
 CONSTRAINTS = ROOT / "images/rorg/constraints.txt"
 
 
@@ -45,8 +44,7 @@ def mirror() -> list[str]:
 
 def python_packages(tools: Sequence[str]) -> list[str]:
     """The releases of test tools that pyproject.toml asks for."""
-    declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]["test"]
-    return [tool for tool in declared if tool.startswith(tuple(tools))]
+    return [tool for tool in group("test") if tool.startswith(tuple(tools))]
 
 
 def key(*parts: str) -> str:

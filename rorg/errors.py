@@ -84,6 +84,14 @@ class NotReady(RorgError):
         self.services = services or {}
 
 
+class Incomplete(NotReady):
+    """An apply ended before everything was ready: `apply incomplete: {why}`, because part of it was done."""
+
+    def __init__(self, why: str, remedy: str = "") -> None:
+        super().__init__("complete the apply", why, remedy)
+        self.args = (f"apply incomplete: {why}{advice(remedy)}",)
+
+
 class Refused(RorgError):
     """Refused on purpose: lock held, confirmation missing, stale plan."""
 

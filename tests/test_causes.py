@@ -30,8 +30,9 @@ def test_an_equal_cause_is_told_once_with_the_names():
 def test_failed_once_or_often_is_one_cause():
     told = causes(
         [("a", "start failed: no program x; again in 1 s"), ("b", "start stalled: no program x; again in 4 s")]
+        + [("c", "start stalled: no program x; trying again now")]
     )
-    assert [str(cause) for cause in told] == ["2 services (a, b): start failed: no program x"]
+    assert [str(cause) for cause in told] == ["3 services (a, b, c): start failed: no program x"]
 
 
 def test_a_cause_of_one_service_stays_as_it_is_and_others_stay_apart():

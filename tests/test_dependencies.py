@@ -32,7 +32,7 @@ PRIVATE = {
     "uvicorn": "its protocol and the main loop of its server (rorg/api)",
 }
 """Library -> which parts are used that it does not promise to keep."""
-CONSTRAINTS = ROOT / "images/rorg/constraints.txt"
+CONSTRAINTS, CI = ROOT / "images/rorg/constraints.txt", ROOT / ".ci/constraints.txt"
 
 
 def imports() -> Iterator[tuple[Path, str]]:
@@ -87,6 +87,17 @@ def test_pins_are_within_the_bounds():
         name = canonicalize_name(requirement.name)
         assert name in pins, f"{requirement.name} is not pinned; try `make constraints`"
         assert requirement.specifier.contains(pins[name][0]), f"{requirement}; try `make constraints`"
+
+
+def test_ci_tests_with_releases_within_the_bounds_and_with_those_of_the_image():
+    pins = dict(line.split("==") for line in CI.read_text().splitlines() if not line.startswith("#"))
+    group = runpy.run_path(str(ROOT / ".ci/dependencies.py"))["group"]
+    for requirement in (*DECLARED.values(), *map(Requirement, group("dev"))):
+        found = pins.get(canonicalize_name(requirement.name))
+        assert found, f"{requirement.name} is not pinned; try `make constraints`"
+        assert requirement.specifier.contains(found), f"{requirement}; try `make constraints`"
+    different = {name for name, (version, _) in pinned().items() if pins.get(name, version) != version}
+    assert not different, "the image is made of others; try `make constraints`"
 
 
 def test_what_pinned_packages_need_is_pinned():

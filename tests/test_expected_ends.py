@@ -77,5 +77,5 @@ def test_each_end_by_the_memory_limit_is_called_so(docker_robot):
         docker_robot.wait(lambda number=number: shown(docker_robot, "arm")["crashes"] >= number)
     docker_robot.wait(lambda: (found := shown(docker_robot, "arm"))["state"] == "exited" and found["crashes"] >= 3)
     (ready,) = (c for c in shown(docker_robot, "arm")["conditions"] if c["type"] == "Ready")
-    assert (ready["reason"], ready["message"]) == ("OutOfMemory", "ended with out of memory")
+    assert (ready["reason"], ready["message"]) == ("OutOfMemory", "killed: out of memory")
     assert all("out of memory" in end for end in ends(docker_robot))

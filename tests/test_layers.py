@@ -88,7 +88,7 @@ COMPUTING = {
 """What commands load once they must compute something themselves, use the engine, or draw a screen."""
 HERE = {
     *("pyproject.toml", "Makefile", ".ci", ".gitignore", "LICENSE", "README.md", "CHANGELOG.md", "CONTRIBUTING.md"),
-    "SECURITY.md",
+    *("SECURITY.md", "changelog.d", ".github", ".editorconfig", ".pre-commit-config.yaml"),
     *("rorg", "clients", "manifests", "schemas", "images", "tests", "docs"),
 }
 """All that the top of the repository holds."""

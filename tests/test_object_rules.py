@@ -95,7 +95,7 @@ def test_what_rorg_may_not_make_is_waited_for():
         (line,) = planned(made(LAB, owner), volumes=())
         assert f"the network 'robot_lab' {whose}; try `external: true`" in line
     unknown = planned(asked=(), volumes=())
-    assert unknown == ["network/lab waits: it is being looked for ()"]
+    assert unknown == ["network/lab waits: checking whether it exists ()"]
     assert planned(asked=(), volumes=(), service=replace(BASE, idle=Idle(action="remove")), wanted={}) == []
 
 

@@ -334,27 +334,33 @@ def test_planning_only_what_has_changed_gives_the_whole_plan(change):
 
 OLD = box(state="exited", id="old", name="base.old", spec={"image": "y"})
 NEW = box(previous="old")
-TRIAL = "the previous container is kept until this one "
+TRIAL = "the previous container is kept until "
 
 
 @pytest.mark.parametrize(
     ("service", "known", "note", "until", "code"),
     [
-        (PROBED, {"well_since": None, "ready": False}, "is ready (10 s of 30 s)", 120.0, ""),
+        (PROBED, {"well_since": None, "ready": False}, "this one is ready (10 s of 30 s)", 120.0, ""),
         (
             replace(BASE, ready=Probe("delay", 15.0)),
             {"well_since": None, "ready": False},
-            "is ready (10 s of 15 s)",
+            "this one is ready (10 s of 15 s)",
             105.0,
             "",
         ),
-        (BASE, {"well_since": None, "ready": False}, "is ready", None, ""),
-        (replace(BASE, ready=Probe("completed", "")), {"well_since": None}, "has ended with exit code 0", None, ""),
-        (BASE, {"well_since": 99.0}, "has been well (1 s of 60 s)", 101.0, ""),
-        (BASE, {}, "has been well (10 s of 60 s)", 150.0, "baking"),
-        (PROBED, {"well_since": 99.0}, "has been well (1 s of 60 s)", 159.0, "baking"),
-        (BASE, {"well_since": 40.0, "unproven_since": 100.0}, "is known to be well", None, "baking"),
-        (BASE, {"well_since": 40.0}, "and those that change together with it are well", None, "baking"),
+        (BASE, {"well_since": None, "ready": False}, "this one is ready", None, ""),
+        (
+            replace(BASE, ready=Probe("completed", "")),
+            {"well_since": None},
+            "this one has ended with exit code 0",
+            None,
+            "",
+        ),
+        (BASE, {"well_since": 99.0}, "this one has been well (1 s of 60 s)", 101.0, ""),
+        (BASE, {}, "this one has been well (10 s of 60 s)", 150.0, "baking"),
+        (PROBED, {"well_since": 99.0}, "this one has been well (1 s of 60 s)", 159.0, "baking"),
+        (BASE, {"well_since": 40.0, "unproven_since": 100.0}, "this one is known to be well", None, "baking"),
+        (BASE, {"well_since": 40.0}, "all services of the set are healthy", None, "baking"),
     ],
 )
 def test_a_trial_says_what_it_waits_for(service, known, note, until, code):

@@ -263,6 +263,11 @@ def test_a_countdown_shows_whole_seconds_until_its_moment(now, shown):
     assert printed(prefixed("again ", "soon"), now) == "again soon"
 
 
+@pytest.mark.parametrize(("now", "shown"), [(92.0, "start failed: again in 8 s"), (100.0, "start failed: now")])
+def test_a_countdown_may_end_with_other_words(now, shown):
+    assert printed(prefixed("start failed: ", Timed("again in ", 100.0, due="now")), now) == shown
+
+
 @pytest.mark.parametrize(("left", "text"), [(-1.0, "now"), (0.0, "now"), (0.2, "in 1 s"), (7.5, "in 8 s")])
 def test_no_time_left_is_now(left, text):
     assert format_left(left) == text

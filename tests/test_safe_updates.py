@@ -411,7 +411,7 @@ def test_apply_without_a_rorg_leaves_a_long_bake_to_the_next_one(tmp_path):
         assert rorg(*apply, "60s", **where).returncode == 0
         before = robot.container("nav").id
         write_tree(tree, {"nav": changed(1, update={"bake": "1h"})})
-        assert "not yet known to stay well: nav" in rorg(*apply, "8s", **where).stderr
+        assert "still being watched: nav" in rorg(*apply, "8s", **where).stderr
         assert running(robot, "nav").id != before
         assert before in {c.id for c in robot.containers()}
     finally:

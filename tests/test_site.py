@@ -24,7 +24,7 @@ def test_every_page_is_there_and_found(tmp_path):
     index = json.loads((tmp_path / "site/search/search_index.json").read_text())
     found = {entry["location"] for entry in index["docs"] if "Prometheus" in entry["title"]}
     assert "docs/how-to/metrics.html" in found
-    assert (tmp_path / "site/docs/tour.svg").exists()
+    assert (tmp_path / "site/docs/terminal.svg").exists()
     assert 'href="../schemas/index.html"' in (tmp_path / "site/docs/index.html").read_text()
 
 

@@ -61,7 +61,7 @@ def test_it_bakes_until_all_that_is_asked_for_has_stayed_well():
     bakes = Memory({"base": up(update=Update(edition=baked(ON).update.edition))})
     wait = replace(ON, update=Updating(bake=60.0))
     found = stands(wait, seen=(box(),), memory=bakes)
-    assert found == Standing(BAKING, "not yet known to stay well: base")
+    assert found == Standing(BAKING, "being watched for 60 s: base")
 
 
 def test_what_is_done_for_the_manifests_is_told_first():

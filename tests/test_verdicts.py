@@ -150,10 +150,10 @@ def test_a_revision_that_breaks_ready_bakes_until_that_has_answered_and_fails(se
     before = identity(robot, "arm")
     waits = {"exec": ["sh", "-c", f"test -e {mark}"], "interval": "100ms", "timeout": "1h"}
     robot.declare({"arm": {**ON, "ready": waits}})
-    robot.wait(lambda: standings(robot)[-1] == ("baking", "not yet known to stay well: arm"))
+    robot.wait(lambda: standings(robot)[-1] == ("baking", "being watched for 2 s: arm"))
     robot.wait(lambda: (robot.status()["tree"]["standing"] or {})["code"] == "baking")
     told = rorg("get", RORG_SOCKET=robot.socket()).stderr
-    assert "manifests are baking: not yet known to stay well: arm" in told
+    assert "manifests are baking: being watched for 2 s: arm" in told
     robot.engine.exec(robot.container("arm").id, ["python3", "-c", f"open({str(mark)!r}, 'w')"], 10)
     robot.wait(lambda: standings(robot)[-1] == ("good", ""))
     robot.declare({"arm": {**ON, "ready": {"exec": ["sh", "-c", "false"], "timeout": "2s"}}})

@@ -166,6 +166,15 @@ def headline_rows() -> list[str]:
     return rows
 
 
+def missed_deadlines() -> tuple[float, ...]:
+    """Deadlines of the control loop that were missed at twice the demand, in percent: with everything on, with CPU
+    shares alone, and with rorg, pauses and shares."""
+    level = measured()["levels"]["2"]
+    return tuple(
+        estimate([CONTROL.of(run) for run in runs_of(level, way)]).mean for way in ("all-on", "shares", "rested")
+    )
+
+
 def _table(level: Mapping[str, Any]) -> str:
     machine, ways = level["machine"], ways_of(level)
     lines = [f"Demand of {level['demand']:g} times the {machine['cores']} cores:", ""]

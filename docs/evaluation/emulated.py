@@ -25,7 +25,7 @@ def reduction_row() -> str:
 
 
 def headline_rows() -> list[str]:
-    """What was measured, for the table of the first screen."""
+    """What was measured, for the table at the top of the page."""
     base, rorg = (MEASURED["runs"][first::2] for first in (0, 1))
     use = (
         ("CPU", "cpu", "cores", 1, "; unused programs take all of their CPU"),

@@ -178,7 +178,7 @@ def headline_rows(figures: Mapping[str, Any]) -> list[str]:
     kind = "programs measured, use simulated"
     return [
         f"| hour of a smaller robot of real programs | {_use(row)} {saved} | {kind} |",
-        f"| the same, if its detections work all the time | | CPU {-stay['cpu']:.0f} % | {kind} |",
+        f"| the same, with detection always on | | CPU {-stay['cpu']:.0f} % | {kind} |",
     ]
 
 

@@ -13,7 +13,7 @@ from rorg.core.decide import Decision
 from rorg.core.dispatch import DispatchLimits
 from rorg.daemon.snapshot import snapshot
 from rorg.daemon.tree import Tree
-from rorg.errors import NotReady
+from rorg.errors import Incomplete
 from rorg.model.causes import causes
 from rorg.model.codes import BAKING
 from rorg.model.units import counted
@@ -24,7 +24,7 @@ BULK = 8
 
 def carry_out(context: Context, tree: Tree, first: Decision, wait: bool, timeout: float) -> None:
     """Carries out the plan. `first` is the decision of the plan that was shown; if it has nothing to do, the tree and
-    the engine are not looked at again. Raises NotReady."""
+    the engine are not looked at again. Raises Incomplete."""
     last, timed_out = first, False
     if not (first.plan.empty and _good_or_bad(first)):
         last, timed_out = _run(context, tree, first, timeout)
@@ -36,11 +36,10 @@ def carry_out(context: Context, tree: Tree, first: Decision, wait: bool, timeout
         note(entry("", f"{cause.who} {'is' if len(cause.names) == 1 else 'are'} not ready: {cause.why}"))
     baking = [w.service for w in last.plan.waitings if w.code == BAKING]
     if timed_out and baking and not late and _all_but_baked(last):
-        note(entry("", f"not yet known to stay well: {', '.join(baking)}; the next rorg continues to check"))
+        note(entry("", f"still being watched: {', '.join(baking)}; the next rorg continues to check"))
         timed_out = False
     if timed_out or failed or (late and wait):
-        raise NotReady(
-            "finish",
+        raise Incomplete(
             counted(len(late), "service") + " not ready" + (f" after {timeout:g} s" if timed_out else ""),
             "`rorg describe SERVICE`",
         )

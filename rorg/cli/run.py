@@ -177,7 +177,7 @@ def _brought_up(context: Context) -> bool:
         client.call("DELETE", "/v1/down")
     except Error:  # acquire() reports who owns the directory
         return False
-    note(f"the robot comes up; rorg run (pid {view['pid']}) sees to it")
+    note(f"the running rorg (pid {view['pid']}) is starting the robot")
     return True
 
 

@@ -18,7 +18,11 @@ def command(context: Robot, services: ServiceNames, yes: Yes = False, output: Ou
         robot = operating(context)
         waits = [f"{name}: {reason}" for name in services for e in robot.why(name) for reason in e["waits"]]
         told = "; ".join(waits) or "they may still run on another machine"
-        consent(f"take {', '.join(services)}", f"{told}. They do not run there?", f"{told}; it needs confirmation")
+        consent(
+            f"take {', '.join(services)}",
+            f"{told}. Confirm that they have stopped there?",
+            f"{told}; it needs confirmation",
+        )
     for name in services:
         client.call("POST", f"/v1/services/{name}/take")
     rows = [{"service": name} for name in services]

@@ -21,7 +21,7 @@ def held_back(view: View, service: Service, changed: Collection[str]) -> Waiting
     image = str(service.options.get("image", ""))
     missing = view.s.images.get(image)
     if missing:
-        return Waiting(service.name, f"image {image} {missing.reason}", code=NO_IMAGE if missing.failed else IMAGE)
+        return Waiting(service.name, missing.text(image), code=NO_IMAGE if missing.failed else IMAGE)
     return deferred(view, service, changed)
 
 

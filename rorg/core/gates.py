@@ -118,11 +118,16 @@ def _back_off(view: View, name: str, operation: Operation) -> Waiting | None:
     if tried is None or not tried.at or view.has_come(tried.at):
         return None
     if isinstance(operation, Remove):
-        why = Timed(f"{tried.error or 'no effect'}; again in ", tried.at)
+        why = _next_try(tried.error or "no effect", tried.at)
         return not_removed(name, operation.container, why, tried.at)
     # A program that ended has been started without fault.
     failed = "" if memory.exits else f"{operation.verb} {'stalled' if memory.stalled else 'failed'}: "
-    return Waiting(name, Timed(f"{failed}{tried.error or 'no effect'}; again in ", tried.at), tried.at, FAILED)
+    return Waiting(name, _next_try(f"{failed}{tried.error or 'no effect'}", tried.at), tried.at, FAILED)
+
+
+def _next_try(failure: str, at: float) -> Timed:
+    """Return a failure and when its operation is tried again. A reader may see it after that time."""
+    return Timed(f"{failure}; again in ", at, due=f"{failure}; trying again now")
 
 
 def _ends_anyway(view: View, service: Service) -> bool:

@@ -52,7 +52,7 @@ def declared_chain(view: View, name: str) -> Chain:
     assert objects is not None
     existing, needed = objects.found.get(declared.key), _needed(view, declared)
     if existing is None and declared.key not in objects.asked:
-        return Chain(waiting=Waiting(name, objects.error or "it is being looked for")) if needed else Chain()
+        return Chain(waiting=Waiting(name, objects.error or "checking whether it exists")) if needed else Chain()
     if existing is not None and (declared.external or existing.owner == view.s.owner):
         return Chain() if declared.external else _changed(view, declared, existing)
     if not needed:

@@ -110,10 +110,14 @@ class Timed:
     before: str
     moment: float
     after: str = ""
+    due: str = ""
+    """What to say instead once the moment has come; empty to go on counting."""
 
     def at(self, now: float) -> str:
         """Return the text as of now. A countdown shows whole seconds, and ends with 1 s."""
         left = self.moment - now
+        if left <= 0 and self.due:
+            return self.due
         seconds = max(1.0, float(ceil(left - 1e-6))) if left > 0 else now - self.moment
         return f"{self.before}{format_seconds(seconds)}{self.after}"
 
@@ -124,7 +128,9 @@ Reason = str | Timed
 
 def prefixed(prefix: str, reason: Reason) -> Reason:
     """Return a reason with words in front of it."""
-    return prefix + reason if isinstance(reason, str) else replace(reason, before=prefix + reason.before)
+    if isinstance(reason, str):
+        return prefix + reason
+    return replace(reason, before=prefix + reason.before, due=reason.due and prefix + reason.due)
 
 
 def printed(reason: Reason, now: float) -> str:

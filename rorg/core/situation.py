@@ -24,10 +24,14 @@ from rorg.model.engines import Capabilities
 class MissingImage:
     """An image that is not on this machine."""
 
-    reason: str
-    """How rorg obtains it, or why it cannot."""
+    reason: str = ""
+    """How rorg obtains it, or why it cannot, after its name; empty while rorg checks whether it is here."""
     failed: bool = False
     """Whether waiting does not help."""
+
+    def text(self, image: str) -> str:
+        """Return the reason with the name of the image."""
+        return f"image {image} {self.reason}" if self.reason else f"checking for image {image}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ not load.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from rorg.core.decide import Decision
@@ -15,6 +15,7 @@ from rorg.core.rollout import fits
 from rorg.core.situation import Situation
 from rorg.model.causes import causes
 from rorg.model.codes import BLOCKED, CONFIRM, DEFERRED, IMAGE, NO_IMAGE
+from rorg.model.units import format_seconds
 
 APPLYING, BAKING, UNTESTED, GOOD, FAILED = "applying", "baking", "untested", "good", "failed"
 
@@ -71,7 +72,15 @@ def _unfinished(decision: Decision) -> Standing | None:
     if waits := _waits(situation, plan):
         return Standing(APPLYING, waits)
     unbaked = [n for n in situation.desired.editions if _asked(situation, n) and not _baked(situation, n)]
-    return Standing(BAKING, f"not yet known to stay well: {', '.join(unbaked)}") if unbaked else None
+    return _baking(situation, unbaked) if unbaked else None
+
+
+def _baking(situation: Situation, names: Sequence[str]) -> Standing:
+    """Return that services must stay healthy for a while. The longest time is shown: then all of them have."""
+    services = situation.desired.catalog.services
+    bake = max(services[name].update.bake for name in names)
+    watched = f"being watched for {format_seconds(bake)}" if bake else "being watched"
+    return Standing(BAKING, f"{watched}: {', '.join(names)}")
 
 
 def _untested(situation: Situation, changed: Collection[str] | None) -> Standing | None:

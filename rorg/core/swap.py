@@ -103,4 +103,6 @@ class Swap:
             return Waiting(self.service.name, reason, since + limit, BAKING)
         if step.unproven_since is not None:
             return Waiting(self.service.name, f"{kept} is known to be well", code=BAKING)
-        return Waiting(self.service.name, f"{kept} and those that change together with it are well", code=BAKING)
+        return Waiting(
+            self.service.name, "the previous container is kept until all services of the set are healthy", code=BAKING
+        )

@@ -206,7 +206,7 @@ def _exit(progress: Progress, service: Service, current: Container | None, evide
     if current.exit_code == 0 and not service.restarts_after(0):
         return replace(progress.start_forgotten(), exits=0, exited=run, error="")
     exits = progress.exits + 1
-    why = "ended with out of memory" if current.oom_killed else f"ended with exit code {current.exit_code}"
+    why = "killed: out of memory" if current.oom_killed else f"ended with exit code {current.exit_code}"
     progress = replace(progress, exits=exits, crashes=progress.crashes + 1, exited=run)
     return progress.start_after(evidence.now + delay(exits), PROCESS_GONE if current.vanished else why)
 

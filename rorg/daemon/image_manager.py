@@ -24,7 +24,7 @@ SOON = 1.0
 """Seconds until an engine that does not answer is asked again."""
 AGAIN, MOST = 30.0, 3600.0
 """Seconds until a failed image is tried again; twice as long each time, up to MOST."""
-LOOKED_FOR = MissingImage("is being looked for")
+UNCHECKED = MissingImage()
 NOTHING: Mapping[str, MissingImage] = {}
 
 
@@ -81,7 +81,7 @@ class ImageManager:
             return
         self._failures, self._policy = 0, desired.catalog.policy.images
         wanted = used(desired)
-        self._missing = {r: self._missing.get(r, LOOKED_FOR) for r in sorted(wanted - self._there)}
+        self._missing = {r: self._missing.get(r, UNCHECKED) for r in sorted(wanted - self._there)}
         # If nothing is missing, this records which images the current manifests use.
         self._ask()
 

@@ -173,10 +173,9 @@ class Reporter:
                     left = f"the next line is about its {2 * step.exits}th exit in a row"
                     self.recorder.tell(f"{name} goes on like this: {left}, and `rorg events` has all of them")
             if self.is_news(f"stalled {name}", step.stalled):
-                again = format_left(step.retry_at - self.clock())
-                text = (
-                    f"stalled: {step.error or 'no effect'}; next try {again}" if step.stalled else "no longer stalled"
-                )
+                until = step.retry_at - self.clock()
+                again = f"next try {format_left(until)}" if until > 0 else "trying again now"
+                text = f"stalled: {step.error or 'no effect'}; {again}" if step.stalled else "no longer stalled"
                 about = {"service": name, **({"error": step.error} if step.stalled else {})}
                 self.event("stalled" if step.stalled else "recovered", f"{name} is {text}", False, **about)
             if self.is_news(f"update {name}", failed) and failed:

@@ -11,7 +11,7 @@ SHOWN = 3
 _OWN = (
     (re.compile(r"\bcannot (\w+) [^\s:]+:"), r"cannot \1 them:"),
     (re.compile(r"^(\w+) stalled: "), r"\1 failed: "),
-    (re.compile(r"; again in [\d. sm]+(?=$|;)"), ""),
+    (re.compile(r"; (again in [\d. sm]+|trying again now)(?=$|;)"), ""),
     (re.compile(r"\b[0-9a-f]{12,64}\b"), "..."),
 )
 """What differs between services that fail for one reason: the container, its id, the number of attempts, and the time
