@@ -69,9 +69,10 @@ proof: $(VENV)/test-installed
 proof-docker: $(VENV)/test-installed
 	RORG_PROOF_MOST=$(or $(RORG_PROOF_MOST),45) $(BIN)/python tests/proof/docker_world.py $(ARGS)
 
-# All worlds within the bound of tests/bounded/bounds.py, of which `make test` tries a slice: half an hour or more.
+# All worlds within the bound of tests/bounded/bounds.py, of which `make test` tries a slice, and WALKS random walks of
+# some 40 steps: half an hour or more. ARGS='-k walks' for walks alone; RORG_TEST_WALKS_SEED=N draws the same ones again.
 worlds: $(VENV)/test-installed
-	RORG_TEST_WORLDS=all $(BIN)/pytest -s tests/bounded/test_bounded_worlds.py $(ARGS)
+	RORG_TEST_WORLDS=all RORG_TEST_WALKS=$(or $(WALKS),2000) $(BIN)/pytest -s tests/bounded/test_bounded_worlds.py tests/bounded/test_walks.py $(ARGS)
 
 # All defects of tests/bounded/defects.py, planted one by one in a copy of rorg; `make test` tries four: some minutes.
 defects: $(VENV)/test-installed
