@@ -12,7 +12,7 @@ from rorg.core.digest import Rules, labels
 from rorg.core.incremental import plan_all
 from rorg.core.memory import InFlight, Memory, Progress
 from rorg.core.observed import LABEL_RULES, Container
-from rorg.core.operations import Pause, Start
+from rorg.core.operations import Pause, Start, Stop
 from rorg.core.plan import Action, printed
 from rorg.core.update import Update
 from rorg.core.wanted import Cause
@@ -67,6 +67,16 @@ def test_a_paused_service_without_a_manifest_is_not_resumed_beside_its_rival():
     found = planned(arm, seen=(box("arm", "exited"), left))
     assert verbs(found) == ["stop gone", "start arm"]
     assert found[-1].endswith("after gone")
+
+
+@pytest.mark.parametrize(("signal", "waits"), [("SIGINT", True), ("SIGKILL", False)])
+def test_a_run_that_a_person_paused_while_it_is_stopped_is_a_rival_until_it_has_ended(signal, waits):
+    """The engine resumes it, unless it is killed."""
+    call = Stop(container="base", signal=signal, grace=5.0, incarnation=RUN)
+    memory = Memory(in_flight={"base": InFlight(Action(0, call, "base"), EARLIER)})
+    services = BASE, replace(ARM, needs=(), conflicts=("base",))
+    found = planned(*services, seen=(box(state="paused"), box("arm", "exited")), memory=memory, **WANTS_ARM)
+    assert (". wait arm conflicts with base, which is active" in found) == waits
 
 
 # -- needs -----------------------------------------------------------------------------------------------------

@@ -107,3 +107,16 @@ def test_after_a_failed_change_of_what_it_joins_it_is_as_before():
     more["known"]["base"] = replace(more["known"]["base"], update=failed)
     found = steps(BASE, SCAN, **more)
     assert "create scan" not in found, "base goes back to the container that scan is joined to"
+
+
+def test_it_leaves_a_failed_container_as_soon_as_the_previous_one_is_back():
+    """The failed container is removed only after it, so the two would wait for each other."""
+    more = trial()
+    new, old, _ = more["seen"]
+    ended, back = replace(new, state="exited", exit_code=1), replace(old, state="running", start_number=2)
+    progress = Progress(incarnation=back.incarnation, running_since=99.5, well_since=99.5, ready=True)
+    for edition in ("failed", "changed since"):
+        update = Update(edition=edition, quarantined={"failed": "it ended"}, rejected="base2")
+        known = {"base": replace(progress, update=update), **UP}
+        found = steps(BASE, SCAN, seen=(ended, back, scan("base2")), known=known)
+        assert "create scan" in found, found

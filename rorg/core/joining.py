@@ -13,7 +13,7 @@ from functools import lru_cache
 
 from rorg.core.observed import Container
 from rorg.core.plan import Waiting
-from rorg.core.rollout import came_up_at, candidate, has_come_up
+from rorg.core.rollout import came_up_at, candidate, has_come_up, went_back
 from rorg.core.situation import View
 from rorg.model.catalog import Service, Spec
 from rorg.model.joining import ends_with, resolved
@@ -114,10 +114,11 @@ def is_cut_off(view: View, service: Service, container: Container) -> bool:
 
 def tried(view: View, name: str) -> bool:
     """Return whether a new container of a service is on trial and has not come up, so the previous one may come
-    back."""
+    back. Once it is back, nothing is on trial any more: the failed container is removed as soon as nothing is joined to
+    it, so what is joined to it must not wait for it."""
     progress = view.s.memory.of(name)
     pair = candidate(view.of(name), progress.update)
-    if pair is None:
+    if pair is None or went_back(*pair):
         return False
     looked = view.s.observed.looked.get(pair[0].id)
     return not has_come_up(progress, view.desired.catalog.services[name], looked, view.now)

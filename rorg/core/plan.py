@@ -67,6 +67,11 @@ class Action:
         """Whether the program runs because of it, even if only to end."""
         return self.operation.begins or (isinstance(self.operation, Stop) and self.operation.resumes)
 
+    @property
+    def asks_to_end(self) -> bool:
+        """Whether it sends a signal to the program, which must run to receive it."""
+        return isinstance(self.operation, Stop) and self.operation.signal != "SIGKILL"
+
     def ends_run(self, run: str) -> bool:
         """Return whether a run does not survive this action. A replacement ends it with its first call, because nothing
         else is planned while a call is under way."""

@@ -37,6 +37,12 @@ def candidate(containers: Sequence[Container], update: Update) -> tuple[Containe
     return next(((c, known[c.previous]) for c in containers if c.previous in known and c.id != update.proven), None)
 
 
+def went_back(new: Container, old: Container) -> bool:
+    """Return whether the previous container runs again after the new one was tried. rorg stops the previous one before
+    it starts the new one, so it was rorg that went back."""
+    return old.alive and not new.alive and bool(new.started_at or new.error)
+
+
 def came_up_at(progress: Progress, service: Service) -> float | None:
     """Return when a run has come up, so that other services may rely on it: when it is ready, if there is a probe;
     otherwise after a moment of running, but not later than its bake. None while it is not ready."""
@@ -126,9 +132,8 @@ def _judged(progress: Progress, service: Service, desired: Desired, evidence: Ev
         return _judged_alone(progress, service, containers[0], desired, evidence)
     new, old = pair
     verdict = _OPEN
-    if old.alive and not new.alive and (new.started_at or new.error) and new.id != progress.update.spared:
-        # rorg stops the previous container before it starts the new one. So an earlier run of rorg went back already,
-        # and ended before it could note that.
+    if went_back(new, old) and new.id != progress.update.spared:
+        # If no failure is noted, an earlier run of rorg went back, and ended before it could note it.
         verdict = _Verdict(error=new.error or f"ended with exit code {new.exit_code}")
     elif containers[0].id == new.id:
         verdict = _verdict(progress, service, new, evidence)

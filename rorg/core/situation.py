@@ -213,8 +213,11 @@ class View:
 
     def active(self, service: str) -> bool:
         """Return whether a service runs, or a call under way makes it run, even if only to end."""
-        flight = self.s.memory.in_flight.get(service)
-        return any(c.active for c in self.of(service)) or (flight is not None and flight.action.runs)
+        own, flight = self.of(service), self.s.memory.in_flight.get(service)
+        if flight is None or any(c.active for c in own):
+            return any(c.active for c in own)
+        # A person may have paused the run since: it is resumed to end.
+        return flight.action.runs or (flight.action.asks_to_end and any(c.state == "paused" for c in own))
 
     def has_actions(self, name: str) -> bool:
         """Return whether the plan before this one has actions for a service."""

@@ -47,9 +47,10 @@ proof: $(VENV)/test-installed
 proof-docker: $(VENV)/test-installed
 	RORG_PROOF_MOST=$(or $(RORG_PROOF_MOST),45) $(BIN)/python tests/proof/docker_world.py $(ARGS)
 
-# All worlds within the bound of tests/bounded/bounds.py, of which `make test` tries a slice: half an hour or more.
+# All worlds within the bound of tests/bounded/bounds.py, of which `make test` tries a slice, and WALKS random walks of
+# some 40 steps: half an hour or more. ARGS='-k walks' for walks alone; RORG_TEST_WALKS_SEED=N draws the same ones again.
 worlds: $(VENV)/test-installed
-	RORG_TEST_WORLDS=all $(BIN)/pytest -s tests/bounded/test_bounded_worlds.py $(ARGS)
+	RORG_TEST_WORLDS=all RORG_TEST_WALKS=$(or $(WALKS),2000) $(BIN)/pytest -s tests/bounded/test_bounded_worlds.py tests/bounded/test_walks.py $(ARGS)
 
 # All defects of tests/bounded/defects.py, planted one by one in a copy of rorg; `make test` tries four: some minutes.
 defects: $(VENV)/test-installed
@@ -70,6 +71,12 @@ ros2: $(VENV)/test-installed
 # directory is full for a while. `make test` does the same for some seconds, without faults.
 soak: $(VENV)/test-installed
 	SOAK_MINUTES=$(or $(MINUTES),20) $(BIN)/pytest -s tests/test_soak.py $(ARGS)
+
+# Random requests, edits, kills, freezes and acts by hand on a robot of 27 services on a private Docker engine, as root:
+# do services overlap that must not, is anything called ready that does not run, is anything lost that rorg acknowledged,
+# and is the history right? By the events of the engine, for MINUTES from SEED.
+soak-random: $(VENV)/test-installed
+	PYTHONPATH=tests:.:clients/python $(BIN)/python -m soak_random.run $(or $(MINUTES),40) $(or $(SEED),1) $(ARGS)
 
 # What becomes of each project in tests/cases/corpus when it is imported, and whether Compose, if it is installed, reads
 # it as rorg does.

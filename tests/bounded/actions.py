@@ -152,9 +152,11 @@ def the_good_stay_until_the_next_is_proven(watch: Watch) -> None:
 
 @at("begin")
 def dependants_end_first(watch: Watch) -> None:
-    """A service that nobody wants ends after all that need it."""
+    """A service that runs and that nobody wants ends after all that need it. One that a person paused serves nobody."""
     name, action = watch.action
     situation, desired = watch.robot.decision.situation, watch.robot.desired
+    if not any(c.active for c in situation.observed.of(name)):
+        return
     if action.verb not in ("stop", "pause", "deactivate") or name in situation.wanted or name not in watch.services:
         return
     active = [n for n in desired.dependants[name] if any(c.active for c in situation.observed.of(n))]

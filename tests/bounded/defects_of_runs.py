@@ -107,8 +107,8 @@ DEFECTS_OF_RUNS = (
     Defect(
         "times of the engine tell that an earlier rorg went back",
         "core/rollout.py",
-        "    if old.alive and not new.alive and (new.started_at or new.error):\n",
-        "    if old.alive and not new.alive and old.started_at > new.created_at:\n",
+        "    return old.alive and not new.alive and bool(new.started_at or new.error)\n",
+        "    return old.alive and not new.alive and old.started_at > new.created_at\n",
         (TRIED,),
         path=(REQUEST, (("back",), 0.0), (("change", 0), 150.0)),
     ),

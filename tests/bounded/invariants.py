@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 
-from bounded import actions, resting
+from bounded import actions, recorded, resting
 from bounded.registry import INVARIANTS, Invariant, Violation, at, check
 from bounded.watch import EXACT, Watch, last_start, lease_of
 
@@ -22,7 +22,7 @@ from rorg.core.priorities import PROTECTED
 from rorg.daemon.snapshot import snapshot
 from rorg.model.graph import closure, conflicting, overbooked
 
-__all__ = ["INVARIANTS", "Invariant", "Violation", "Watch", "actions", "at", "check", "resting"]
+__all__ = ["INVARIANTS", "Invariant", "Violation", "Watch", "actions", "at", "check", "recorded", "resting"]
 
 # -- after each pass -----------------------------------------------------------------------------------------------
 
@@ -106,7 +106,7 @@ def nothing_fails_that_was_not_tried(watch: Watch) -> None:
         ):
             continue
         made = [c for c in robot.read.observed.of(name) if c.digest == digest]
-        tried = any(c.started_at for c in made) or digest in robot.faults.bad
+        tried = any(c.started_at for c in made) or digest in {*robot.faults.bad, *robot.refused}
         assert tried or not made, f"{name} failed without having run: {step.update.failed}"
 
 
@@ -218,6 +218,8 @@ def ready_means_ready(watch: Watch) -> None:
         assert (current.state, current.incarnation) == ("running", step.incarnation), f"{name} is {current.state}"
         if watch.ready.get(name) == step.incarnation:
             continue
+        if robot.lags(name):
+            continue  # a person may have restarted it since
         if service.ready and service.ready.delay is not None:
             ran = robot.now - last_start(watch, name)
             assert ran >= service.ready.delay - 0.01, f"{name} is called ready after {ran} s"

@@ -31,14 +31,21 @@ def bad(watch: Watch) -> set[str]:
 
 
 def loops(watch: Watch) -> set[str]:
-    """Services of which no container ever ran well, and those that need them: they are tried again for ever."""
+    """Services of which no container ever ran well, or that read a bad file at each start, and those that need them:
+    they are tried again for ever."""
     robot = watch.robot
     there = {one.id for one in robot.engine.objects.values()}
     # Nobody can go back to a container whose network somebody has taken away.
     able = [c for c in robot.engine.list() if {*c.networks.values()} <= there]
-    well = {c.service for c in able if c.digest not in robot.faults.bad}
+    well = {c.service for c in able if c.digest not in robot.faults.bad and not ended(watch, c)}
     failed = {n for n in robot.desired.digests if robot.memory.of(n).update.failed}
-    return closure_of(robot.desired.catalog, (bad(watch) | failed) - well)
+    return closure_of(robot.desired.catalog, ((bad(watch) | failed) - well) | robot.bad_files)
+
+
+def ended(watch: Watch, container: Container) -> bool:
+    """Whether a run of it ended on its own while a change of its service is tried: then rorg does not go back to it."""
+    step = watch.robot.memory.of(container.service)
+    return step.exited == container.incarnation and not step.update.failed
 
 
 def wanted(watch: Watch) -> set[str]:

@@ -93,6 +93,7 @@ class WorldRobot(Reader):
             if self.faults.unreachable:
                 raise Unreachable("call the engine", "it does not answer")
             if mode == "fail":
+                self._refuse(action)
                 raise EngineError(f"{action.verb} {action.service}", "no space left on the device")
             perform(self.engine, action.operation, self.engine)
         except RorgError as failed:
@@ -107,6 +108,11 @@ class WorldRobot(Reader):
             self.at(self.now + LATE, partial(self._answer, outcome, life))
         else:
             self._answer(outcome, life)
+
+    def _refuse(self, action: Action) -> None:
+        """Remember whose start the engine refused."""
+        if isinstance(action.operation, Start) and (one := self.engine.containers.get(action.container)):
+            self.refused = self.refused | {one.digest}
 
     def _answer(self, outcome: Outcome, life: int) -> None:
         """The answer of a call arrives. As a worker does, it looks at the container first."""

@@ -56,6 +56,10 @@ class Reader(SimRobot):
     looked: Mapping[str, float] = MappingProxyType({})
     acknowledged: set[tuple[str, str]] | None = None
     """Keys of the requests that were acknowledged and neither released nor dropped, if somebody keeps a list."""
+    refused: frozenset[str] = frozenset()
+    """Digests of containers that the engine did not start."""
+    bad_files: frozenset[str] = frozenset()
+    """Services that mount a file with which their programs end."""
     patience = 0.0
     """Seconds between passes at least, while all probes say what they said before."""
 

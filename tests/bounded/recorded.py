@@ -1,0 +1,86 @@
+"""What the history and orders of people promise, in walks: robots with a real journal, whose edits are known."""
+
+from __future__ import annotations
+
+import re
+from graphlib import CycleError, TopologicalSorter
+
+from bounded.registry import at
+from bounded.walk_robot import WalkRobot
+from bounded.walk_worlds import Edits
+from bounded.watch import Watch
+
+
+def walker(watch: Watch) -> WalkRobot | None:
+    """The robot, if it is one with a journal."""
+    return watch.robot if isinstance(watch.robot, WalkRobot) else None
+
+
+def bad(robot: WalkRobot, edits: Edits) -> list[str]:
+    """Services of which no container stays well for its bake as these edits have them. A program that ends after half a
+    second has been well for a bake of no time."""
+    services = robot.desired.catalog.services
+    return [n for i, n in enumerate(robot.world.names) if edits.bad(i) and services[n].update.bake > 0.0]
+
+
+@at("pass")
+def a_hold_lasts_as_long_as_it_said(watch: Watch) -> None:
+    """A person's hold lasts for its seconds, however the machine's clock is set and whoever decides."""
+    robot = walker(watch)
+    for name, until in robot.held.items() if robot else ():
+        held = name in watch.robot.decision.holds
+        assert held == (watch.robot.now < until), f"{name} is {'' if held else 'not '}held, {until - watch.robot.now} s"
+
+
+@at("rest")
+def nothing_waits_for_itself(watch: Watch) -> None:
+    """At rest no services wait for one another in a ring."""
+    services = watch.services
+    waits = [w for w in watch.robot.decision.plan.waitings if w.service in services]
+    graph: dict[str, set[str]] = {}
+    for waiting in waits:
+        names = {n for n in re.findall(r"\w+", str(waiting.reason)) if n in services}
+        graph.setdefault(waiting.service, set()).update(names - {waiting.service})
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as ring:
+        raise AssertionError(f"they wait for one another: {ring.args[1]}\n{watch.robot.decision.plan.text()}") from ring
+
+
+@at("rest")
+def the_history_trusts_nothing_bad(watch: Watch) -> None:
+    """No revision with a bad edition or file is called good, and no rollback leads to one that changes to it."""
+    if (robot := walker(watch)) is None:
+        return
+    states = {r.number: (r, edits) for r, edits in robot.journal.revisions()}
+    for number, (revision, edits) in states.items():
+        assert revision.standing != "good" or not bad(robot, edits), f"{number} is good with {bad(robot, edits)}"
+    for one in robot.journal.earlier():
+        edits = states[one.number][1]
+        changed = {n for i, n in enumerate(robot.world.names) if differ(edits, robot.edits, i)}
+        assert one.doubt or not changed & {*bad(robot, edits)}, f"a rollback leads to {one.number}: {edits}"
+
+
+def differ(one: Edits, other: Edits, index: int) -> bool:
+    """Return whether a service is not the same in both."""
+    return (one.editions[index], one.files[index]) != (other.editions[index], other.files[index])
+
+
+@at("rest")
+def the_journal_keeps_every_revision(watch: Watch) -> None:
+    """Neither a kill of rorg nor `down` loses a revision."""
+    if (robot := walker(watch)) is not None:
+        there = {r.number for r, _ in robot.journal.revisions()}
+        assert robot.standings.keys() <= there, f"lost: {robot.standings.keys() - there}"
+
+
+@at("rest")
+def what_failed_stays_failed(watch: Watch) -> None:
+    """The history calls no revision anything else that it has called failed, unless it was proven anew."""
+    if (robot := walker(watch)) is None:
+        return
+    for revision, edits in robot.journal.revisions():
+        before, now = robot.standings.get(revision.number), revision.standing
+        assert before != "failed" or now == "failed" or not bad(robot, edits), f"{revision.number} is {now} again"
+        assert now != "failed" or robot.disturbed or bad(robot, edits), f"{revision.number} failed though it is good"
+        robot.standings[revision.number] = now
