@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: site demo test engines pythons properties fuzz fuzz-guided proof proof-docker worlds defects mutants soak ros2 lint types bench corpus schemas docs evaluation contention recorded programs deployment constraints deb packages arm vm machines clean
+.PHONY: site demo test engines pythons properties fuzz fuzz-guided proof proof-docker worlds defects mutants soak soak-random ros2 lint types bench corpus schemas docs evaluation contention recorded programs deployment constraints deb packages arm vm machines clean
 
 # Debian keeps the venv of its Python in a package of its own; .ci/venv sees to that.
 $(BIN)/rorg: pyproject.toml
@@ -92,6 +92,12 @@ ros2: $(VENV)/test-installed
 # directory is full for a while. `make test` does the same for some seconds, without faults.
 soak: $(VENV)/test-installed
 	SOAK_MINUTES=$(or $(MINUTES),20) $(BIN)/pytest -s tests/test_soak.py $(ARGS)
+
+# Random requests, edits, kills, freezes and acts by hand on a robot of 27 services on a private Docker engine, as root:
+# do services overlap that must not, is anything called ready that does not run, is anything lost that rorg acknowledged,
+# and is the history right? By the events of the engine, for MINUTES from SEED.
+soak-random: $(VENV)/test-installed
+	PYTHONPATH=tests:.:clients/python $(BIN)/python -m soak_random.run $(or $(MINUTES),40) $(or $(SEED),1) $(ARGS)
 
 # What becomes of each project in tests/cases/corpus when it is imported, and whether Compose, if it is installed, reads
 # it as rorg does.
