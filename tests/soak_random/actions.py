@@ -24,7 +24,7 @@ from rorg.core.observed import LABEL_SERVICE
 
 STEPS = (-3600.0, -20.0, 0.0, 20.0, 3600.0)
 """Seconds by which the clock of rorg is off."""
-WAIT = 15.0
+WAIT, LEASE = 15.0, 5.0
 HAND = ("stop", "kill", "rm", "pause", "unpause", "start", "restart")
 
 
@@ -61,7 +61,7 @@ class Requester(threading.Thread):
 
     def _request(self, id: str) -> None:
         names = self.dice.sample([*SERVICES, *GROUPS], self.dice.choice((1, 1, 1, 2, 3)))
-        ttl = self.dice.choice((None, None, 5.0))
+        ttl = self.dice.choice((None, None, LEASE))
         body = {"services": names, "priority": self.dice.choice((None, None, 70)), "ttl": calls.duration(ttl or 0)}
         body |= {} if ttl else {"ttl": None}
         wait = WAIT if self.dice.random() < 0.7 else None
@@ -178,7 +178,10 @@ class Actor:
         self.book.changed(began)
 
     def rollback(self) -> None:
+        """It refuses to lose what is not committed."""
         began = time.time()
+        if self.dice.random() < 0.7:
+            self.commit()
         done = self._rorg("rollback", "--yes", "--manifests", str(self.tree.root))
         self.book.count(f"rollback exit {done.returncode}")
         self.book.changed(began)
@@ -250,12 +253,13 @@ class Actor:
             self.rorg.stop(kill=self.dice.random() < 0.6)
             self.pause(self.dice.choice((0.0, 0.5, 3.0)))
             self.rorg.start()
-        self.book.restarted = time.time()
 
     def end_engine(self) -> None:
         with self.away():
             self.witness.engine_ended()
+            began = time.time()
             self.dockerd.stop(kill=self.dice.random() < 0.6)
+            self.book.hands.append(Hand(began, time.time(), "unpause", "", ""))
             self.dockerd.options = ("--live-restore",) if self.dice.random() < 0.5 else ()
             self.pause(self.dice.choice((0.0, 1.0)))
             start_engine(self.dockerd)

@@ -8,7 +8,8 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-from soak_random.judge import Answer, Hand, Tried
+from soak_random.judge import Answer, Hand
+from soak_random.revisions import Tried
 from soak_random.robot import DRIVERS, MOUNTING, REFUSED, SETS, Editions, Tree, with_needs
 
 
@@ -40,8 +41,6 @@ class Book:
     """Services and editions that somebody has ended by hand, so that rorg may think ill of them."""
     tried: dict[int, Tried] = field(default_factory=dict)
     """What is known of the revisions of rorg's history."""
-    restarted: float = 0.0
-    """When rorg was started last: leases start over then."""
     counts: Counter[str] = field(default_factory=Counter)
     errors: list[str] = field(default_factory=list)
 

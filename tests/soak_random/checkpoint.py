@@ -7,12 +7,15 @@ import json
 import time
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
+from dataclasses import replace
 from typing import Any
 
 import commands
 from rorg_client import Client, Error
+from soak_random.actions import LEASE
 from soak_random.book import Asked, Book
-from soak_random.judge import Fault, Tried, history_faults, rollback_fault
+from soak_random.judge import Fault, runs_of
+from soak_random.revisions import Goal, Tried, history_faults, rollback_faults
 from soak_random.robot import DRIVERS, REFUSED, SERVICES, SETS, Rorg, rules, with_needs
 from soak_random.witness import AWAY, Witness
 
@@ -80,7 +83,7 @@ class Checkpoint:
                     continue
                 until = asked.until
                 if until is not None and (now > until - SLACK or id not in there):
-                    if id in there and now > max(until, self.book.restarted + 5.0) + SLACK:
+                    if id in there and now > max(until, self._over_again + LEASE) + SLACK:
                         faults.append(Fault("lost", now, f"the lease of {id} has run out, and it is there"))
                     if id in there or now > until - SLACK:
                         continue
@@ -90,6 +93,11 @@ class Checkpoint:
                 faults.append(Fault("lost", now, f"request {id} of {there[id]} was released, and is there"))
             self._adopt(there)
         return faults
+
+    @property
+    def _over_again(self) -> float:
+        """When all leases started over: rorg began, or the engine answered again."""
+        return max((span.end for span in self.rorg.away), default=0.0)
 
     def _adopt(self, there: Mapping[str, tuple[str, ...]]) -> None:
         """From now on what rorg has is what was acknowledged, of leases too."""
@@ -176,20 +184,21 @@ class Checkpoint:
 
     def history_of(self, listed: list[dict[str, Any]], now: float) -> list[Fault]:
         """Compares it with what each revision declared. Only the newest can be told: it is what is on the disk."""
-        editions, kinds = self.book.editions, self.book.tree.kinds
-        bad = self.book.tree.bad(editions)
-        touched = frozenset(s for s, numbers in self.book.touched if editions[s] == numbers)
+        editions, kinds, book = self.book.editions, self.book.tree.kinds, self.book
         if listed and listed[0]["standing"] != "refused" and not any(kinds[n] == REFUSED for n, _ in editions.values()):
-            known = self.book.tried.get(listed[0]["number"], Tried())
-            self.book.tried[listed[0]["number"]] = Tried(known.bad | bad, known.touched | touched)
-        faults = history_faults(listed, self.book.tried, now)
+            book.tried[listed[0]["number"]] = Tried(book.tree.bad(editions), frozenset(), editions)
+        for number, known in book.tried.items():
+            touched = frozenset(s for s, numbers in book.touched if known.editions[s] == numbers)
+            book.tried[number] = replace(known, touched=touched)
+        faults = history_faults(listed, book.tried, now)
         done = self._rorg("rollback", "--print", "--manifests", str(self.rorg.tree))
-        refusal = done.stderr.strip() if done.returncode else ""
-        goal = self._goal(done.stdout, listed)
-        self.book.count("rollback to a revision" if goal else "rollback refused")
-        if done.returncode not in (0, 5, 2):
-            faults.append(Fault("history", now, f"rorg rollback --print: exit {done.returncode}: {refusal}"))
-        return faults + rollback_fault(listed, self.book.tried, goal, refusal or done.stdout, now)
+        goal = Goal(self._goal(done.stdout, listed), done.stderr.strip() if done.returncode else "")
+        book.count("rollback to a revision" if goal.number else "rollback refused")
+        if done.returncode not in (0, 2, 5):
+            faults.append(Fault("history", now, f"rorg rollback --print: exit {done.returncode}: {done.stderr}"))
+        if not done.returncode and not goal.number:
+            return faults  # to a commit that is not listed
+        return faults + rollback_faults(goal, listed, book.tried, runs_of(self.witness.known()), now)
 
     def _goal(self, printed: str, listed: Iterable[Mapping[str, Any]]) -> int | None:
         """The revision that a rollback leads to, by the commit that its commands name."""

@@ -16,6 +16,8 @@ SAME_MOMENT = 1.0
 KNOWN = 1.0
 """Seconds after the end of a run in which an answer may not know of it: the engine tells of it later, to rorg and to
 us."""
+BEGINS = ("start", "unpause", "restart")
+"""What a hand does that begins a run."""
 KILLED_PAUSED = 0.1
 """Seconds for which a paused program may be resumed after SIGKILL: it only ends. docs/how-to/idle.md."""
 
@@ -43,6 +45,7 @@ class Hand:
     end: float
     verb: str
     container: str
+    """Empty for all of them: an engine that ends resumes what is paused, to stop it."""
     service: str
 
 
@@ -141,8 +144,7 @@ def runs_of(events: Iterable[Event], hands: Iterable[Hand] = ()) -> list[Run]:
 
 def _run(event: Event, started: float, end: float, hands: Sequence[Hand]) -> Run:
     by_hand = any(
-        h.container == event.container and h.begin <= event.at <= h.end and h.verb in ("start", "unpause", "restart")
-        for h in hands
+        h.container in ("", event.container) and h.begin <= event.at <= h.end and h.verb in BEGINS for h in hands
     )
     return Run(event.service, event.container, event.at, end, started, event.edition, by_hand)
 
@@ -237,44 +239,3 @@ def false_ready(answer: Answer, runs: Sequence[Run]) -> list[Fault]:
             text = f"{answer.how}: {service} {why} (asked {answer.at - answer.asked:.3f} s before the answer)"
             found.append(Fault("ready", answer.at, text, (service,)))
     return found
-
-
-# -- history ---------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Tried:
-    """What the soak knows of a revision."""
-
-    bad: frozenset[str] = frozenset()
-    """Services that cannot work as it declares them."""
-    touched: frozenset[str] = frozenset()
-    """Services that something else may have made fail: somebody ended them by hand."""
-
-
-def history_faults(listed: Sequence[Mapping[str, str]], tried: Mapping[int, Tried], at: float) -> list[Fault]:
-    """Revisions whose standing says something else than what happened. `listed`: as `rorg history -o json`."""
-    found = []
-    for row in listed:
-        known = tried.get(int(row["number"]))
-        if known is None:
-            continue
-        name = f"revision {row['number']}"
-        if known.bad and (row["standing"] == "good" or row["proven_at"]):
-            why = f"{name} is {row['standing']}, proven at '{row['proven_at']}', and {sorted(known.bad)} cannot work"
-            found.append(Fault("history", at, why, tuple(sorted(known.bad))))
-        if row["standing"] == "failed" and not known.bad and not any(s in row["reason"] for s in known.touched):
-            found.append(Fault("history", at, f"{name} has failed ({row['reason']}), and nothing of it is bad"))
-    return found
-
-
-def rollback_fault(
-    listed: Sequence[Mapping[str, str]], tried: Mapping[int, Tried], goal: int | None, refusal: str, at: float
-) -> list[Fault]:
-    """What is wrong with the goal of `rorg rollback` (None: it refuses). `listed`: the newest first."""
-    if goal is None and not refusal:
-        return [Fault("history", at, "a rollback is refused without a reason")]
-    known = tried.get(goal) if goal is not None else None
-    if known and known.bad:
-        return [Fault("history", at, f"a rollback leads to revision {goal}, where {sorted(known.bad)} cannot work")]
-    return []

@@ -2,21 +2,8 @@
 
 from __future__ import annotations
 
-from soak_random.judge import (
-    ACTED,
-    Answer,
-    Event,
-    Hand,
-    Rules,
-    Span,
-    Tried,
-    acting,
-    false_ready,
-    history_faults,
-    overlaps,
-    rollback_fault,
-    runs_of,
-)
+from soak_random.judge import ACTED, Answer, Event, Hand, Rules, Span, acting, false_ready, overlaps, runs_of
+from soak_random.revisions import Goal, Tried, history_faults, rollback_faults
 
 RULES = Rules(
     frozenset((frozenset(("nav", "map")),)),
@@ -83,6 +70,12 @@ def test_rorg_starts_nothing_beside_what_a_hand_started_long_before():
     assert not found("1 start nav\n4 start map\n5 die nav", hand, away=(Span(0.5, 3.9),))
 
 
+def test_an_engine_that_ends_resumes_what_is_paused_to_stop_it():
+    text = "1 start nav\n2 pause nav\n3 start map\n4 unpause nav\n4.5 die map\n4.6 die nav"
+    assert found(text)
+    assert not found(text, Hand(3.9, 4.7, "unpause", "", ""))
+
+
 def test_time_in_which_rorg_could_act():
     assert acting(0, 10, ()) == 10
     assert acting(0, 10, (Span(2, 4), Span(3, 5), Span(9))) == 6
@@ -113,8 +106,10 @@ def test_another_version_is_found():
     assert "before the file was written" in false_ready(Answer(9.0, 10.0, ("nav",), files={"nav": 2.0}), run)[0].what
 
 
-def row(number: int, standing: str, proven_at: str = "", reason: str = "") -> dict[str, str]:
-    return {"number": str(number), "standing": standing, "proven_at": proven_at, "reason": reason}
+def row(number: int, standing: str, proven_at: str = "", reason: str = "") -> dict:
+    """A revision with a commit and content of its own."""
+    more = {"commit": f"c{number}", "dirty": False, "fingerprint": f"f{number}"}
+    return {"number": number, "standing": standing, "proven_at": proven_at, "reason": reason, **more}
 
 
 def test_a_false_word_of_the_history_is_found():
@@ -127,9 +122,33 @@ def test_a_false_word_of_the_history_is_found():
     assert not history_faults([row(2, "failed")], fine, 0.0), "nothing is known of it"
 
 
-def test_a_rollback_to_what_cannot_work_is_found():
-    tried = {1: Tried(), 2: Tried(bad=frozenset(("nav",)))}
-    assert rollback_fault([], tried, 2, "", 0.0)
-    assert not rollback_fault([], tried, 1, "", 0.0)
-    assert rollback_fault([], tried, None, "", 0.0)
-    assert not rollback_fault([], tried, None, "no earlier revision is proven", 0.0)
+def state(nav: int, *, bad: bool = False, touched: bool = False) -> Tried:
+    names = frozenset(("nav",))
+    return Tried(names if bad else frozenset(), names if touched else frozenset(), {"nav": (nav, 0)})
+
+
+def rollback(goal: Goal, tried: dict[int, Tried], *ran: int) -> str:
+    """The fault of a rollback from the third of three revisions. Editions in `ran` of nav ran for long."""
+    runs = runs_of(
+        e
+        for n in ran
+        for e in (Event(100.0 * n, "start", f"{n}", "nav", n), Event(100.0 * n + 50, "die", f"{n}", "nav", n))
+    )
+    listed = [row(3, "failed"), row(2, "good", "today"), row(1, "good", "today")]
+    return " ".join(fault.what for fault in rollback_faults(goal, listed, tried, runs, 0.0))
+
+
+def test_a_rollback_to_what_was_not_proven_is_found():
+    tried = {1: state(1), 2: state(2), 3: state(3, bad=True)}
+    assert not rollback(Goal(2), tried, 1, 2)
+    assert "nav never ran" in rollback(Goal(2), tried, 1)
+    assert "nav cannot work" in rollback(Goal(2), {**tried, 2: state(2, bad=True)}, 1, 2)
+
+
+def test_a_rollback_that_does_not_find_the_last_proven_one_is_found():
+    tried = {1: state(1), 2: state(2), 3: state(3, bad=True)}
+    assert "leads to revision 1, and revision 2 was proven" in rollback(Goal(1), tried, 1, 2)
+    assert "is refused (nothing), and revision 2" in rollback(Goal(None, "nothing"), tried, 1, 2)
+    assert not rollback(Goal(1), {**tried, 2: state(2, touched=True)}, 1, 2)
+    assert not rollback(Goal(1), tried, 1), "the second one never ran"
+    assert "without a reason" in rollback(Goal(None), tried, 1, 2)
