@@ -21,7 +21,7 @@ from soak_random.witness import AWAY, Witness
 
 RESTS = 60.0
 """Seconds within which rorg must come to rest when nobody does anything."""
-RESTED = 1.5
+RESTED = 2.5
 """Seconds without anything to do that count as rest."""
 SLACK = 3.0
 """Seconds by which a time of ours may differ from rorg's."""
@@ -48,29 +48,28 @@ class Checkpoint:
 
     def rest(self) -> tuple[Mapping[str, Any], str]:
         """The status at rest, and what is still done at the end of RESTS."""
-        deadline, since, busy, status = time.monotonic() + RESTS, 0.0, "rorg does not answer", {}
+        deadline, since, busy, status = time.monotonic() + RESTS, time.monotonic(), "rorg does not answer", {}
+        before: list[str] = []
         while time.monotonic() < deadline:
             with suppress(Error, *AWAY):
                 status = self.client.status()
-                busy = self.busy(status)
-                if busy:
-                    since = 0.0
-                elif not since:
-                    since = time.monotonic()
+                busy, waits = self.busy(status)
+                if busy or waits != before:
+                    since, before = time.monotonic(), waits
                 elif time.monotonic() - since > RESTED:
                     return status, ""
             time.sleep(0.1)
-        return status, busy
+        return status, busy or str(before)
 
-    def busy(self, status: Mapping[str, Any]) -> str:
-        """What is under way, or about to be, for a reason that ends by itself."""
+    def busy(self, status: Mapping[str, Any]) -> tuple[str, list[str]]:
+        """What is under way, and what waits. A reason that counts seconds changes until it ends."""
         if not status["engine"]["complete"]:
-            return f"engine: {status['engine']['error']}"
-        doing = [*status["plan"]["actions"], *status["in_flight"].items()]
+            return f"engine: {status['engine']['error']}", []
         loops = self.book.tree.bad(self.book.editions)  # what crashes is started again and again
-        doing = [one for one in doing if not (isinstance(one, dict) and one["service"] in loops)]
-        waits = [w for w in status["plan"]["waitings"] if w.get("due") is not None and w["service"] not in loops]
-        return json.dumps(doing or waits) if doing or waits else ""
+        doing = [str(one) for one in status["plan"]["actions"] if one["service"] not in loops]
+        doing += [f"{verb} {name}" for name, verb in status["in_flight"].items() if name not in loops]
+        waits = [f"{w['service']}: {w['reason']}" for w in status["plan"]["waitings"] if w["service"] not in loops]
+        return ", ".join(doing), waits
 
     # -- what was acknowledged ---------------------------------------------------------------------------------
 
@@ -190,7 +189,8 @@ class Checkpoint:
         for number, known in book.tried.items():
             touched = frozenset(s for s, numbers in book.touched if known.editions[s] == numbers)
             book.tried[number] = replace(known, touched=touched)
-        faults = history_faults(listed, book.tried, now)
+        runs = runs_of(self.witness.known(), book.hands)
+        faults = history_faults(listed, book.tried, runs, now)
         done = self._rorg("rollback", "--print", "--manifests", str(self.rorg.tree))
         goal = Goal(self._goal(done.stdout, listed), done.stderr.strip() if done.returncode else "")
         book.count("rollback to a revision" if goal.number else "rollback refused")
@@ -198,7 +198,7 @@ class Checkpoint:
             faults.append(Fault("history", now, f"rorg rollback --print: exit {done.returncode}: {done.stderr}"))
         if not done.returncode and not goal.number:
             return faults  # to a commit that is not listed
-        return faults + rollback_faults(goal, listed, book.tried, runs_of(self.witness.known()), now)
+        return faults + rollback_faults(goal, listed, book.tried, runs, now)
 
     def _goal(self, printed: str, listed: Iterable[Mapping[str, Any]]) -> int | None:
         """The revision that a rollback leads to, by the commit that its commands name."""

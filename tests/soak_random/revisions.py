@@ -24,7 +24,9 @@ class Tried:
     """Service -> the numbers of its manifest and of its file."""
 
 
-def history_faults(listed: Sequence[Mapping[str, Any]], tried: Mapping[int, Tried], at: float) -> list[Fault]:
+def history_faults(
+    listed: Sequence[Mapping[str, Any]], tried: Mapping[int, Tried], runs: Sequence[Run], at: float
+) -> list[Fault]:
     """Revisions whose standing says something else than what happened. `listed`: as `rorg history -o json`."""
     found = []
     for row in listed:
@@ -37,7 +39,21 @@ def history_faults(listed: Sequence[Mapping[str, Any]], tried: Mapping[int, Trie
             found.append(Fault("history", at, why, tuple(sorted(known.bad))))
         if row["standing"] == "failed" and not known.bad and not any(s in row["reason"] for s in known.touched):
             found.append(Fault("history", at, f"{name} has failed ({row['reason']}), and nothing of it is bad"))
+        if known.editions and row["standing"] == "good" and (never := _never_ran(row["number"], listed, tried, runs)):
+            why = f"{name} is good, and {', '.join(never)} never ran as it declares them"
+            found.append(Fault("history", at, why, tuple(never)))
     return found
+
+
+def _never_ran(
+    number: int, listed: Sequence[Mapping[str, Any]], tried: Mapping[int, Tried], runs: Sequence[Run]
+) -> list[str]:
+    """Services that a revision changed since the last good one, and that never ran since."""
+    good = (r["number"] for r in listed if r["number"] < number and r["standing"] == "good" and r["number"] in tried)
+    base = next(good, None)
+    changes = _changes(tried[number], tried[base]) if base else []
+    ran = {(run.service, run.edition) for run in runs}
+    return [service for service in changes if (service, tried[number].editions[service][0]) not in ran]
 
 
 @dataclass(frozen=True)

@@ -112,14 +112,24 @@ def row(number: int, standing: str, proven_at: str = "", reason: str = "") -> di
     return {"number": number, "standing": standing, "proven_at": proven_at, "reason": reason, **more}
 
 
+def words(row: dict, known: Tried) -> str:
+    return " ".join(fault.what for fault in history_faults([row], {1: known}, [], 0.0))
+
+
 def test_a_false_word_of_the_history_is_found():
-    crashing, fine = {1: Tried(bad=frozenset(("nav",)))}, {1: Tried(touched=frozenset(("arm",)))}
-    assert history_faults([row(1, "good", "today")], crashing, 0.0)
-    assert history_faults([row(1, "superseded", "today")], crashing, 0.0)
-    assert not history_faults([row(1, "failed")], crashing, 0.0)
-    assert history_faults([row(1, "failed", reason="nav: ended")], fine, 0.0)
-    assert not history_faults([row(1, "failed", reason="arm: ended")], fine, 0.0)
-    assert not history_faults([row(2, "failed")], fine, 0.0), "nothing is known of it"
+    crashing, fine = Tried(bad=frozenset(("nav",))), Tried(touched=frozenset(("arm",)))
+    assert "cannot work" in words(row(1, "good", "today"), crashing)
+    assert "cannot work" in words(row(1, "superseded", "today"), crashing)
+    assert not words(row(1, "failed"), crashing)
+    assert "nothing of it is bad" in words(row(1, "failed", reason="nav: ended"), fine)
+    assert not words(row(1, "failed", reason="arm: ended"), fine)
+    assert not words(row(2, "failed"), fine), "nothing is known of it"
+
+
+def test_a_good_revision_of_what_never_ran_is_found():
+    listed, tried = [row(2, "good", "today"), row(1, "good", "today")], {1: state(1), 2: state(2)}
+    assert "nav never ran" in history_faults(listed, tried, [], 0.0)[0].what
+    assert not history_faults(listed, tried, runs_of([Event(1.0, "start", "c", "nav", 2)]), 0.0)
 
 
 def state(nav: int, *, bad: bool = False, touched: bool = False) -> Tried:
