@@ -182,7 +182,7 @@ class Actor:
         began = time.time()
         if self.dice.random() < 0.7:
             self.commit()
-        done = self._rorg("rollback", "--yes", "--manifests", str(self.tree.root))
+        done = self._rorg("rollback", "--yes", "--timeout", "10s", "--manifests", str(self.tree.root))
         self.book.count(f"rollback exit {done.returncode}")
         self.book.changed(began)
 

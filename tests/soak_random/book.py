@@ -5,12 +5,13 @@ from __future__ import annotations
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from math import inf
 
 from soak_random.judge import Answer, Hand
 from soak_random.revisions import Tried
-from soak_random.robot import DRIVERS, MOUNTING, REFUSED, SETS, Editions, Tree, with_needs
+from soak_random.robot import DRIVERS, REFUSED, SETS, Editions, Tree, with_needs
 
 
 @dataclass(frozen=True)
@@ -20,6 +21,17 @@ class Asked:
     services: tuple[str, ...]
     until: float | None = None
     """When its lease runs out, if nothing renews it or starts rorg again."""
+
+
+@dataclass(frozen=True)
+class State:
+    """What the tree declares after a change, which was made from `began` to `ended`."""
+
+    began: float
+    ended: float
+    editions: Editions
+    files: Mapping[str, float]
+    """Service -> when the file that it mounts was written, if its content is new."""
 
 
 @dataclass
@@ -34,15 +46,14 @@ class Book:
     unknown: set[str] = field(default_factory=set)
     """Requests and holds of which it is not known whether rorg has done what was last asked for."""
     hands: list[Hand] = field(default_factory=list)
-    answers: list[Answer] = field(default_factory=list)
-    states: list[tuple[float, Editions, dict[str, float]]] = field(default_factory=list)
-    """When the tree was changed, what it declares since then, and when each file was written that is new."""
+    states: list[State] = field(default_factory=list)
     touched: set[tuple[str, tuple[int, int]]] = field(default_factory=set)
     """Services and editions that somebody has ended by hand, so that rorg may think ill of them."""
     tried: dict[int, Tried] = field(default_factory=dict)
     """What is known of the revisions of rorg's history."""
     counts: Counter[str] = field(default_factory=Counter)
     errors: list[str] = field(default_factory=list)
+    _ready: list[Answer] = field(default_factory=list)
 
     def count(self, what: str) -> None:
         with self.lock:
@@ -53,34 +64,41 @@ class Book:
     def changed(self, began: float, file: str = "") -> None:
         """The tree was changed, from `began` until now; `file`: the service whose file has new content."""
         with self.lock:
-            before = dict(self.states[-1][2]) if self.states else {}
-            now = self.tree.editions()
+            now, files = self.tree.editions(), {}
             if self.states:
-                before = {s: at for s, at in before.items() if now[s][1] == self.states[-1][1][s][1]}
-            self.states.append((began, now, before | ({file: began} if file else {})))
+                last = self.states[-1]
+                files = {s: at for s, at in last.files.items() if now[s][1] == last.editions[s][1]}
+            self.states.append(State(began, time.time(), now, files | ({file: began} if file else {})))
 
     @property
     def editions(self) -> Editions:
-        return self.states[-1][1]
+        return self.states[-1].editions
 
     def hand(self, hand: Hand) -> None:
         with self.lock:
             self.hands.append(hand)
-            self.touched |= {(hand.service, now[hand.service]) for _, now, _ in self.states[-3:]}
+            self.touched |= {(hand.service, state.editions[hand.service]) for state in self.states[-3:]}
 
     # -- answers -----------------------------------------------------------------------------------------------
 
     def ready(self, asked: float, names: Iterable[str], how: str) -> None:
         """rorg called services ready just now."""
-        at, services = time.time(), tuple(sorted(with_needs(names)))
         with self.lock:
-            begun = [n for n, (began, _, _) in enumerate(self.states) if began <= asked]
-            states = self.states[begun[-1] if begun else 0 :]
-            sure = [s for s in services if self._sure(s, [now for _, now, _ in states])]
-            editions = {s: frozenset(now[s][0] for _, now, _ in states) for s in sure}
-            files = states[0][2] if len(states) == 1 else {}
-            files = {s: files[s] for s in sure if s in files and s in MOUNTING}
-            self.answers.append(Answer(asked, at, services, editions, files, how))
+            self._ready.append(Answer(asked, time.time(), tuple(sorted(with_needs(names))), how=how))
+
+    def answers(self, since: float = 0.0) -> list[Answer]:
+        """With the editions that may have run: those that the tree declared at any time between question and answer."""
+        with self.lock:
+            return [self._with_editions(answer) for answer in self._ready if answer.at >= since]
+
+    def _with_editions(self, answer: Answer) -> Answer:
+        ends = [state.ended for state in self.states[1:]] + [inf]
+        pairs = zip(self.states, ends, strict=True)
+        states = [state for state, end in pairs if state.began <= answer.at and end > answer.asked]
+        sure = [s for s in answer.services if self._sure(s, [state.editions for state in states])]
+        editions = {s: frozenset(state.editions[s][0] for state in states) for s in sure}
+        files = states[0].files if len(states) == 1 else {}
+        return replace(answer, editions=editions, files={s: files[s] for s in sure if s in files})
 
     def _sure(self, service: str, states: Iterable[Editions]) -> bool:
         """Whether rorg must run what one of these states declares: nothing is wrong with it."""

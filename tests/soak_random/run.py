@@ -47,7 +47,7 @@ class Soak:
         self.book, self.witness = Book(tree), Witness(self.dockerd.host)
         self.book.changed(time.time())
         self.rorg = Rorg(self.folder, tree.root, self.dockerd.host)
-        self.rules, self.checkpoints = rules(), 0
+        self.rules, self.checkpoints, self.judged_at = rules(), 0, 0.0
         self.requesters: list[Requester] = []
         self.log = self.folder / "actions.log"
 
@@ -94,11 +94,10 @@ class Soak:
             self._show(number, fault)
 
     def judged(self) -> list[Fault]:
-        """By all events of the engine so far."""
+        """By all events of the engine so far, and the answers since the checkpoint before."""
         runs = runs_of(self.witness.known(), self.book.hands)
         found = overlaps(runs, self.rules, self.rorg.away, time.time())
-        with self.book.lock:
-            answers = [*self.book.answers]
+        answers, self.judged_at = self.book.answers(self.judged_at), time.time()
         return found + [fault for answer in answers for fault in false_ready(answer, runs)]
 
     # -- evidence ----------------------------------------------------------------------------------------------
@@ -128,6 +127,7 @@ class Soak:
     def close(self) -> None:
         for one in self.requesters:
             one.over.set()
+            one.client.hang_up()
         self.witness.stop()
         self.rorg.close()
         for one in self.requesters:
@@ -145,7 +145,7 @@ def main(minutes: float, seed: int) -> int:
             soak.close()
     counts, kinds = soak.book.counts, Counter(fault.kind for fault in soak.faults)
     print(f"{soak.checkpoints} checkpoints, {counts.total()} actions: {dict(sorted(counts.items()))}")
-    print(f"{len(soak.witness.events)} events, {len(soak.book.answers)} answers that called something ready")
+    print(f"{len(soak.witness.events)} events, {len(soak.book.answers())} answers that called something ready")
     print(f"{len(soak.book.errors)} calls without an answer: {soak.book.errors[:5]}")
     print(", ".join(f"{kind} {kinds[kind]}" for kind in KINDS))
     return 1 if soak.faults else 0
