@@ -12,14 +12,14 @@ export RORG_TEST_SHARED
 trap 'rm -rf "$RORG_TEST_SHARED"' EXIT
 "$pytest" -m "not docker" tests/hostile tests/proof tests/test_properties.py tests/test_[s-z]*.py >"$logs/hostile" 2>&1 &
 hostile=$!
-"$pytest" -m "not docker" tests/bounded tests/deployment tests/mutants tests/test_[a-f]*.py >"$logs/first" 2>&1 &
+"$pytest" -m "not docker" tests/bounded tests/deployment tests/mutants tests/soak_random tests/test_[a-f]*.py >"$logs/first" 2>&1 &
 first=$!
 "$pytest" -m "not docker" tests/test_[!a-fs-z]*.py --deselect tests/test_properties.py >"$logs/second" 2>&1 &
 second=$!
 "$pytest" -m docker tests/hostile tests/test_[a-q]*.py tests/test_tutorial.py >"$logs/docker" 2>&1 &
 docker=$!
 trap 'kill -INT $hostile $first $second $docker' INT TERM
-"$pytest" -m docker tests/deployment $(ls tests/test_[r-z]*.py | grep -v -e ros2 -e test_tutorial.py)
+"$pytest" -m docker tests/deployment tests/soak_random $(ls tests/test_[r-z]*.py | grep -v -e ros2 -e test_tutorial.py)
 codes=$?
 for run in $docker $first $second $hostile; do
   wait $run

@@ -14,8 +14,12 @@ from robots import RealRobot, VirtualRobot, handed_on
 from test_updates import failed, later, running
 
 from rorg.core.holds import Moment, adjusted, begin_hold, seconds_left
+from rorg.core.observed import Container
+from rorg.engines.docker.inspection import began
+from rorg.host.clock import process_start
 from rorg.model.catalog import Hold
 from rorg.model.probe import Probe
+from rorg.model.units import stamp
 from rorg.probes.files import FileProbes
 from rorg.store.requests_document import RequestsDocument
 from rorg.store.requests_parser import parse, render
@@ -184,6 +188,15 @@ def test_a_file_of_this_run_is_no_older_although_the_clock_was_set_ahead(tmp_pat
     assert asked.ok, asked
     earlier = FileProbes().ask(KEY, probe, os.getpid(), False, "1970-01-01T00:01:10Z")
     assert earlier.message == f"file {path} is older than this run"
+
+
+@pytest.mark.parametrize("seconds", [0.0, *STEPS])
+def test_output_is_read_from_the_start_of_the_run_although_the_clock_was_set(seconds):
+    """The engine's log has the times of the clock as it was: what is read from later on is nothing, and what is read
+    from much earlier is the output of the run before."""
+    noted = process_start(os.getpid()) + 0.1 - seconds
+    found = began(Container("id", "arm", "arm", "running", pid=os.getpid(), started_at=stamp(noted)))
+    assert noted - 2.0 < found <= noted
 
 
 @pytest.mark.parametrize("seconds", [-1000.0, 1000.0])

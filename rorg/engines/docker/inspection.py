@@ -24,6 +24,11 @@ STATES: Mapping[str, str] = {
 cleaned up after it, and cannot be told from one that has exited."""
 NEVER = "0001-01-01T00:00:00Z"
 """The engine's start time of a container that never started."""
+SLOW_START = 10.0
+"""Seconds that the engine may take to note a start, on a busy machine."""
+EARLY = 1.0
+"""Seconds of output before the engine's time of the start that are read if the process cannot say when it began: more
+would be output of the run before."""
 _LIVE = {name: OPTIONS[name].api.removeprefix("HostConfig.") for name in LIVE - {"container_name"}}
 
 
@@ -35,11 +40,17 @@ def epoch_seconds(stamp: str) -> float:
 
 
 def began(container: Container) -> float:
-    """When its current run began. The engine notes the start after the program's first output; the process knows."""
+    """Return when its current run began, by the clock of then, as in the times of its log.
+
+    The engine notes the start after the program's first output; the process knows it, but by the present clock. If the
+    two are far apart, the clock was set since, and only the engine's time fits the log.
+    """
+    noted = epoch_seconds(container.started_at)
     try:
-        return process_start(container.pid)
+        start = process_start(container.pid)
     except (OSError, IndexError, ValueError):
-        return epoch_seconds(container.started_at)
+        return noted
+    return start if 0.0 <= noted - start <= SLOW_START else noted - EARLY
 
 
 def read_container(data: Mapping[str, Any], local: bool) -> Container:
