@@ -1,6 +1,6 @@
 # The long tests and measurements that CONTRIBUTING.md names; the Makefile includes this file. Each takes minutes to hours.
 
-.PHONY: engines pythons fuzz fuzz-guided properties proof proof-docker worlds defects mutants soak ros2 corpus bench evaluation contention recorded programs deployment packages arm vm machines
+.PHONY: engines pythons fuzz fuzz-guided properties proof proof-docker worlds defects mutants soak soak-random ros2 corpus bench evaluation contention recorded programs deployment packages arm vm machines
 
 # Other engines: each cell of docs/reference/engines.md, and a long day on each. Writes the cells down.
 engines: $(VENV)/test-installed
