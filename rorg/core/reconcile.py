@@ -16,7 +16,7 @@ from rorg.core.operations import Create, Remove, Rename, Start
 from rorg.core.plan import Part, Waiting
 from rorg.core.situation import View
 from rorg.core.steps import Chain, Step, adjust, awaken, away, cannot_go_on, passing_name, restarting, stop, stops
-from rorg.core.swap import Swap
+from rorg.core.swap import Swap, is_untried
 from rorg.model.catalog import Service, Spec
 from rorg.model.codes import DEVICE, FAILED
 
@@ -43,7 +43,7 @@ class _Reconciled:
         """Return all steps of a service, from what is observed to what is desired."""
         name, spec = self.name, self.service.options
         pairs = [(c, self.difference(c, spec)) for c in self.view.of(name)]
-        usable = [(c, d) for c, d in pairs if not self.step.useless(c)]
+        usable = [(c, d) for c, d in pairs if not (self.step.useless(c) or is_untried(self.view, name, c))]
         current = next(((c, d) for c, d in usable if not d.recreate and c.id not in self.moved), None)
         stale = [(c, d) for c, d in pairs if current is None or c is not current[0]]
         swap = Swap(self.view, self.service, current and current[0], self.worth(stale), self.changed(stale))
@@ -160,7 +160,7 @@ class _Reconciled:
             for c, diff in stale
             if (diff.recreate or c.id not in self.moved)
             and can_return(self.view, self.service, c)
-            and not (self.on_another(c) or self.step.useless(c))
+            and not (self.on_another(c) or self.step.useless(c) or is_untried(self.view, self.name, c))
         ]
 
     def changed(self, stale: list[tuple[Container, Difference]]) -> tuple[str, ...]:

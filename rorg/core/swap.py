@@ -106,3 +106,12 @@ class Swap:
         return Waiting(
             self.service.name, "the previous container is kept until all services of the set are healthy", code=BAKING
         )
+
+
+def is_untried(view: View, name: str, container: Container) -> bool:
+    """Return whether a container of the desired edition ran, but was never proven, and another one runs. It is made
+    anew, on trial, so that there is a way back."""
+    update = view.s.memory.of(name).update
+    if update.baked in ("", update.edition) or container.alive or not container.started_at:
+        return False
+    return container.digest == view.desired.digests[name] and any(c.alive for c in view.of(name))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import signal
 import time
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -17,6 +16,7 @@ from rorg.engines.docker.client import API_TIMEOUT, Client
 from rorg.engines.docker.connect import engine_host
 from rorg.engines.docker.create import create_container, name_taken
 from rorg.engines.docker.errors import docker_errors
+from rorg.engines.docker.events import is_quiet, told_state
 from rorg.engines.docker.images import Images
 from rorg.engines.docker.inside import Inside
 from rorg.engines.docker.inspection import read_container, state_of, update_body
@@ -25,7 +25,7 @@ from rorg.engines.docker.ping import Pinger
 from rorg.engines.docker.release import version_text
 from rorg.engines.docker.volumes import remove_container
 from rorg.engines.log_lines import Reading
-from rorg.engines.protocol import NONE, SIGNALLED, Usage, stop_sequence
+from rorg.engines.protocol import NONE, Usage, stop_sequence
 from rorg.errors import EngineError, TimedOut, Unreachable
 from rorg.host.cgroups import container_usage, end_processes
 from rorg.model.engines import DEFAULT_ENGINE, ENGINES
@@ -34,14 +34,8 @@ from rorg.model.objects import Kind
 if TYPE_CHECKING:
     import docker
 
-TOLD = {"pause": "paused", "unpause": "running"}
-"""Events that tell the whole change, so that the container need not be inspected."""
-ENDING = {str(int(number)) for number in (signal.SIGINT, signal.SIGQUIT, signal.SIGKILL, signal.SIGTERM)}
-"""Signals by which people and their tools end a program, as the engine's events name them."""
 QUICK = 2.0
 """Seconds for one inspection within a full list."""
-QUIET = ("exec_", "health_status", "attach", "top", "resize", "copy", "export")
-"""Beginnings of events that change nothing that rorg looks at."""
 CLOCK_SET = 1.0
 """Seconds by which the clock has been set if it differs by more from the monotonic one; slewing is slower."""
 LAG = 5.0
@@ -108,7 +102,7 @@ class DockerEngine(Inside, Images):
         with self.client.stream("GET", "/events", None, QUICK, filters=filters, since=now - LAG, until=now) as stream:
             for line in stream.lines(MOST_ANSWER):
                 event = from_json(line)
-                if not event.get("Action", "").startswith(QUIET):
+                if not is_quiet(event):
                     ids.add(event["Actor"]["ID"])
         return ids
 
@@ -157,11 +151,8 @@ class DockerEngine(Inside, Images):
             yield "", ""
             for line in stream.lines():
                 event = from_json(line)
-                action, about = event.get("Action", ""), event["Actor"]
-                if action == "kill" and (about.get("Attributes") or {}).get("signal") in ENDING:
-                    yield about["ID"], SIGNALLED
-                elif not action.startswith(QUIET):
-                    yield about["ID"], TOLD.get(action, "")
+                if not is_quiet(event):
+                    yield event["Actor"]["ID"], told_state(event)
         if not stop.is_set():
             raise Unreachable("follow the engine's events", "the engine closed the stream")
 
