@@ -124,7 +124,7 @@ def test_programs_read_what_is_lost(folder):
 
 def test_another_format_is_refused(folder):
     told = rorg("export", "helm", "manifests", cwd=folder, code=2).stderr
-    assert "FORMAT cannot be 'helm'; try one of compose" in told
+    assert "invalid value for 'FORMAT': 'helm' is not one of 'compose'" in told
 
 
 @pytest.mark.parametrize(

@@ -158,7 +158,7 @@ def test_only_what_is_committed_counts(tmp_path):
     [
         (["--git", "x@a..b"], "is not a valid branch name"),
         (["--git", "x", "--path", "../y"], "not inside the repository"),
-        (["--git", "x", "--committed"], "they exclude each other"),
+        (["--git", "x", "--committed"], "they are mutually exclusive"),
         (["tree", "--git", "https://anna:pass@example.org/x"], r"https://\*\*\*@example.org/x and DIRECTORY"),
         (["--path", "x"], "no repository is followed"),
         (["tree", "--committed"], "not in a git repository"),

@@ -120,7 +120,7 @@ def test_apply_says_that_it_does_not_wait_for_the_bake_or_does(rorg, robot):
     assert "`rorg apply --wait=proven` waits for that" in rorg("apply", "--yes", "--wait").stderr
     rorg("apply", "--yes", "--wait=proven", "--timeout", "60s")
     assert "baking" not in rorg("get").stderr
-    assert "cannot be 'x'; try one of ready, proven" in rorg("apply", "--wait=x", code=2).stderr
+    assert "'x' is not one of 'ready', 'proven'" in rorg("apply", "--wait=x", code=2).stderr
 
 
 @pytest.mark.docker

@@ -104,7 +104,7 @@ def test_a_robots_images_come_to_another_machine_in_a_file(lab, tmp_path):
     [
         (["paint"], 2, "one of list, prune, save, load"),
         (["save"], 2, "rorg image save FILE"),
-        (["list", "eye"], 2, "one word too many"),
+        (["list", "eye"], 2, "unexpected argument"),
         (["load", "nothing.tar"], 2, "No such file"),
         (["save", "to.tar", "nose"], 2, "nose"),
         (["save", "to.tar"], 2, "rorg build"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shlex
 from pathlib import Path
+from typing import get_args
 
 import commands
 import pytest
@@ -18,6 +19,8 @@ from rorg.cli.app import about, typer_command
 from rorg.cli.commands import COMMANDS, SUMMARIES
 from rorg.cli.kinds import duration
 from rorg.cli.mistakes import misread
+from rorg.cli.options import SHARED, Engine
+from rorg.model.engines import ENGINES
 
 VARIABLES = ("RORG_STATE_DIR", "RORG_ENGINE", "RORG_GROUP")
 
@@ -156,6 +159,30 @@ def test_help_shows_units():
     assert "10s, 5m" in said
     assert "[default: 60 s]" in said
     assert "0<=x<=100" in said
+
+
+def test_shared_options_are_explained_once():
+    said = commands.rorg("help", "options").stdout
+    assert {word for word in said.split() if word.startswith("--")} == set(SHARED)
+    for name in COMMANDS:
+        explained, _, named = help_of(name).partition("More options: ")
+        assert not [option for option in SHARED if f"  {option} " in explained], name
+        assert not named or "see `rorg help options`" in " ".join(named.split())
+
+
+def test_an_option_with_an_optional_value():
+    assert [values("apply", line.split())["wait"] for line in ("", "--wait", "--wait=ready", "--wait=proven")] == [
+        None,
+        "ready",
+        "ready",
+        "proven",
+    ]
+    assert values("apply", ["--wait", "tree"])["directory"] == Path("tree")
+    assert values("restart", ["arm", "--wait"])["wait"] is True
+
+
+def test_the_engines_of_the_option_are_all():
+    assert set(get_args(Engine)) == set(ENGINES)
 
 
 def test_help_may_be_asked_for_in_several_ways():

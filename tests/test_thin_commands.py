@@ -14,6 +14,8 @@ import commands
 import pytest
 from robots import RealRobot, write_tree
 
+from rorg.cli.commands import COMMANDS, command_of
+
 HEAVY = ("argparse", "rich", "pydantic", "yaml", "docker", "psutil", "asyncio", "ssl", "email", "http")
 ROOMS = ("api", "sim", "daemon", "images", "probes", "host", "manifest", "core")
 SERVICES = {
@@ -99,6 +101,26 @@ def heavy(modules: set[str]) -> list[str]:
 )
 def test_a_command_that_the_running_rorg_answers_imports_nothing_heavy(robot, line):
     assert heavy(imported(robot, *line.split())) == []
+
+
+COMMAND_MODULES = {command_of(name).__module__ for name in COMMANDS}
+
+
+@pytest.mark.parametrize(
+    ("line", "environment", "module"),
+    [
+        ("--help", {}, None),
+        ("nosuch", {}, None),
+        ("get --help", {}, "rorg.cli.get"),
+        ("re", {"_RORG_COMPLETE": "bash"}, None),
+        ("release ", {"_RORG_COMPLETE": "bash"}, "rorg.cli.release"),
+    ],
+)
+def test_only_the_command_that_is_called_is_imported(robot, line, environment, module):
+    found = imported(robot, *line.split(" "), code=2 if line == "nosuch" else 0, **environment)
+    own = {module, "rorg.cli.completion"} if environment else {module}  # that answers the shell
+    assert COMMAND_MODULES & found - own == set()
+    assert module is None or module in found
 
 
 # -- diff and apply --------------------------------------------------------------------------------------------

@@ -28,14 +28,13 @@ BARE = {"--wait": "ready"}
 """Option that takes a value after `=` -> the value of the option alone. typer has no options with an optional value."""
 SETTINGS: dict[str, Any] = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 APP: dict[str, Any] = {"add_completion": False, "rich_markup_mode": None, "pretty_exceptions_enable": False}
-
-
+"""Without what would import rich, or show another traceback than Python's."""
 Rows = list[tuple[str, str]]
 """Parameters as the help shows them, and their meanings."""
 
 
 class Command(TyperCommand):
-    """One command."""
+    """One command. Its help names the options that many commands share, without explaining them again."""
 
     def __init__(self, *args: Any, **settings: Any) -> None:
         """`program` is a second list of words, which typer would refuse: all words after `--`."""
@@ -91,7 +90,7 @@ class Command(TyperCommand):
 
 
 class Commands(TyperGroup):
-    """All commands."""
+    """All commands, none of them imported before it is called."""
 
     def list_commands(self, _ctx: Context) -> list[str]:
         """Their names, in the order of the help."""
@@ -117,9 +116,10 @@ class Commands(TyperGroup):
 
     def format_commands(self, _ctx: Context, formatter: Any) -> None:
         """One table for each group of commands."""
+        width = max(map(len, COMMANDS))
         for title, commands in GROUPS.items():
             with formatter.section(title):
-                formatter.write_dl(list(commands.items()), col_max=12)
+                formatter.write_dl([(name.ljust(width), summary) for name, summary in commands.items()])
 
     def format_epilog(self, _ctx: Context, formatter: Any) -> None:
         """Exit codes and aliases."""

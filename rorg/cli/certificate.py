@@ -42,7 +42,7 @@ def command(
     from rorg.host.certificates import Authority
 
     if person and revoke:
-        raise Invalid("make certificates", "--person and --revoke exclude each other", "one of them")
+        raise Invalid("make certificates", "--person and --revoke are mutually exclusive", "one of them")
     authority = Authority(into)
     with authority.locked():
         rows = [_row(authority, "authority", "made")] if authority.prepare() else []

@@ -49,7 +49,7 @@ def command(
     """
     least, most = TAKEN[action]
     if not least <= len(revisions) <= most:
-        why = f"'{revisions[most]}' is one word too many" if len(revisions) > most else "no revision is named"
+        why = f"unexpected argument '{revisions[most]}'" if len(revisions) > most else "no revision is named"
         raise Invalid(f"{action} the history", why, f"`rorg history {action}{' REV' * least}`")
     with records_of(context) as records:
         if action == "list":

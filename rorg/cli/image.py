@@ -46,7 +46,7 @@ def command(
     if action in ("save", "load") and not names:
         raise Invalid(f"{action} images", "no file is named", f"`rorg image {action} FILE`")
     if action in ("list", "prune", "load") and len(names) > (action == "load"):
-        raise Invalid(f"{action} images", f"'{names[-1]}' is one word too many", f"`rorg image {action}`")
+        raise Invalid(f"{action} images", f"unexpected argument '{names[-1]}'", f"`rorg image {action}`")
     robot = _Robot(context)
     if action == "list":
         _print(robot.kept(None), output)

@@ -266,7 +266,7 @@ def followed(directory: Path | None, git: str, path: str, committed: bool, signe
         return None
     if git and (directory or committed):
         other = "DIRECTORY" if directory else "--committed"
-        raise Invalid(f"follow {without_user(git)} and {other}", "they exclude each other", "`rorg run --help`")
+        raise Invalid(f"follow {without_user(git)} and {other}", "they are mutually exclusive", "`rorg run --help`")
     if signers and not signers.exists():
         raise Invalid(f"verify by {signers}", "no such file or directory", "a file of ssh signers, or a GnuPG home")
     trusted = signers.resolve() if signers else None

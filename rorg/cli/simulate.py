@@ -237,7 +237,7 @@ def try_out(
 ) -> None:
     """Does what the options say. Raises Invalid."""
     if compare and sweep:
-        raise Invalid("try variants", "--compare and --sweep each name their own", "one of them")
+        raise Invalid("try variants", "--compare and --sweep are mutually exclusive", "one of them")
     variants = trial.compare(compare) if compare else trial.sweep(sweep)
     if csv:
         write_csv(variants, csv)

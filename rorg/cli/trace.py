@@ -68,7 +68,7 @@ def command(
     Example: rorg trace record --since 24h --file yesterday.yaml
     """
     if (trace is not None) != (action == "show"):
-        why = f"'{trace}' is one word too many" if trace else "no file is named"
+        why = f"unexpected argument '{trace}'" if trace else "no file is named"
         raise Invalid(f"{action} a trace", why, f"`rorg trace {action}{' FILE' * (action == 'show')}`")
     if trace is not None:
         _show(trace, output)
