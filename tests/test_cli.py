@@ -110,7 +110,9 @@ def test_apply_alone_and_again(shell):
 
 def test_apply_that_does_not_get_ready_exits_4(shell):
     write_tree(shell.tree, {"base": {"always_on": True, "command": ["false"]}})
-    assert "base" in shell("apply", str(shell.tree), "--yes", "--wait", code=4).stderr
+    told = shell("apply", str(shell.tree), "--yes", "--wait", code=4).stderr
+    assert "base" in told
+    assert "rorg: apply incomplete: 1 service not ready" in told
 
 
 def test_request_why_release_with_a_running_loop(shell):
