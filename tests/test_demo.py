@@ -182,7 +182,7 @@ def rorg(state: str, *words: str) -> str:
 def test_demo_keeps_a_robot_of_processes(tmp_path):
     """The commands that it names at the end work, and the last one leaves nothing."""
     process = demo(tmp_path, "--engine", "process", "--keep")
-    output, _ = process.communicate(timeout=150)
+    output, _ = process.communicate(timeout=300)
     assert process.returncode == 0, output
     state = re.search(r"export RORG_STATE_DIR=(\S+)", output)[1]
     try:
@@ -200,13 +200,13 @@ def test_demo_on_docker(tmp_path, dockerd):
     """With a picture, and all that rorg does."""
     picture = tmp_path / "tour.svg"
     process = demo(tmp_path, "--verbose", "--svg", str(picture), DOCKER_HOST=dockerd.host)
-    output, _ = process.communicate(timeout=200)
+    output, _ = process.communicate(timeout=300)
     assert process.returncode == 0, output
     assert "on the docker engine" in output.splitlines()[0]
-    actions = [line for line in output.splitlines() if line.startswith("    ")]
+    actions = [line for line in output.splitlines() if line.startswith("| ")]
     assert any("> start cartographer_localization (needed by " in line for line in actions)
     assert any("# stop cartographer_localization (not wanted)" in line for line in actions)
-    check_story("".join(line for line in output.splitlines(keepends=True) if not line.startswith("    ")))
+    check_story("".join(line for line in output.splitlines(keepends=True) if not line.startswith("| ")))
     assert picture.read_text().count(">navigation<") == 2
     assert left_behind(tmp_path, "rorg-demo-") == []
 

@@ -41,7 +41,7 @@ class Show:
     def action(self, text: str) -> None:
         """Print a line of rorg's own, if every action was asked for."""
         if self.verbose:
-            self._print(f"    {text}", "dim")
+            self._print(f"| {text}", "dim")
 
     def progress(self, text: str) -> None:
         """Show what takes long; the next line replaces it on a terminal."""

@@ -61,6 +61,10 @@ class Stage:
     def look_at(self, view: Mapping[str, Any]) -> None:
         """Remember this status as the present one."""
         self.before, self.now = self.now, Snapshot.of(view)
+        self.print_actions()
+
+    def print_actions(self) -> None:
+        """Print what rorg did meanwhile, if that was asked for."""
         for line in self.robot.new_lines():
             self.show.action(line)
 

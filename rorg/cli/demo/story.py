@@ -144,8 +144,11 @@ def play(robot: DemoRobot, show: Show, keep: bool) -> None:
     prepare(robot, show)
     stage = Stage(robot, show)
     show.open(stage.published)
-    for scene in SCENES:
-        scene(stage)
+    try:
+        for scene in SCENES:
+            scene(stage)
+    finally:
+        stage.print_actions()
     if keep:
         robot.shell("rorg release everything --yes")
         robot.shell(TOUR.line)

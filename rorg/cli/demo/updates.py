@@ -10,10 +10,11 @@ from rorg.cli.demo.stage import Stage
 from rorg.errors import advice
 
 UPDATED = "ros_trigger_ui"
-BAD = """  container:
+BAD = """  update: {bake: 30s}
+  container:
     environment: {BUTTONS: large, STANDIN_CRASH_AFTER: "0.2"}
 """
-"""A change after which the program crashes soon."""
+"""A change after which the program crashes soon. On a busy machine even that may take longer than the default bake."""
 REVERT = "git revert --no-edit HEAD"
 
 
