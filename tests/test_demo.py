@@ -27,7 +27,7 @@ from rorg.cli.demo.stage import Stage
 from rorg.cli.demo.story import SCENES, prepare
 
 MOST_LINES, MOST_COLUMNS = 70, 100
-COUNTS = re.compile(r"  (\d+) run, (\d+) paused, (\d+) stopped")
+COUNTS = re.compile(r"  (\d+) of 41 services run, (\d+) paused, (\d+) stopped")
 CHANGE = re.compile(r"  (started|resumed|paused|stopped) +(\w+) ")
 LEFT_IN = {"started": "running", "resumed": "running", "paused": "paused", "stopped": "stopped"}
 Runs = dict[str, tuple[str, str]]
@@ -72,7 +72,7 @@ def check_crash(before: Runs, after: Runs, text: str) -> None:
 
 def check_kill(before: Runs, after: Runs, text: str) -> None:
     assert after == before
-    assert f"{len(before)} services run without rorg" in text
+    assert f"{len(before)} services run on without rorg" in text
     assert text.rstrip().endswith(f"{len(before)} services ran on")
 
 
@@ -243,7 +243,7 @@ def test_the_live_table_changes_in_place_and_is_erased():
     table.start()
     assert "● arm" in paper.getvalue()
     assert "‖ lidar" in paper.getvalue()
-    assert "1 run, 1 paused, 0 stopped" in paper.getvalue()
+    assert "1 of 2 services run, 1 paused, 0 stopped" in paper.getvalue()
     table.stop()
     assert paper.getvalue().rstrip().endswith("\x1b[2K"), "the last thing it does is to erase its lines"
 
@@ -265,5 +265,5 @@ def test_a_snapshot_names_what_changed():
         Change("resumed", "b", "needed by c"),
         Change("started", "c", "requested"),
     ]
-    assert now.counts() == "3 run, 1 paused, 0 stopped"
+    assert now.counts() == "3 of 4 services run, 1 paused, 0 stopped"
     assert now.runs() == {"b": "2", "c": "3", "d": "5"}

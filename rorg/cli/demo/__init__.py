@@ -11,11 +11,11 @@ from rorg.cli.options import EngineName, Option
 def command(
     engine: EngineName = None,
     speed: Annotated[float, Option("Speed; 2 is twice as fast.", least=0.1, most=20)] = 1.0,
-    keep: Annotated[bool, Option("Leave the robot running at the end, to look at.")] = False,
+    keep: Annotated[bool, Option("Leave the robot and its rorg running at the end, to look at.")] = False,
     svg: Annotated[str | None, Option("Save a picture of standby and tour to this file.")] = None,
     verbose: Annotated[bool, Option("Print every action of rorg.")] = False,
 ) -> None:
-    """Tell the day of a tour-guide robot with stand-in programs: its work, a crash, a bad update. Leave nothing behind.
+    """Play the work of a tour-guide robot with stand-in programs: a tour, a crash, a bad update. Leave nothing behind.
 
     Example: rorg demo --engine process --speed 2
     """
@@ -31,7 +31,7 @@ def command(
     signal.signal(signal.SIGTERM, interrupt)
     show = Show(speed, verbose, svg)
     chosen, why = choose_engine(engine)
-    show.title(f"rorg demo: a tour-guide robot of 41 services, on the {chosen} engine ({why})")
+    show.title(f"rorg demo: the work of a tour-guide robot, on the {chosen} engine ({why})")
     robot = DemoRobot(chosen)
     kept = False
     try:

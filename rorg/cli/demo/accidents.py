@@ -43,5 +43,6 @@ def kill_rorg(stage: Stage) -> None:
     stage.run(f"kill -9 {stage.robot.server.pid}")
     stage.robot.server.wait()
     alive = sum(container.state == "running" for container in stage.robot.containers())
+    stage.show.line(f"{alive} services run on without rorg")
     seconds = stage.serve()
-    stage.show.line(f"{alive} services run without rorg; it is back after {seconds:.1f} s; {stage.others()}")
+    stage.show.line(f"in control again after {seconds:.1f} s; {stage.others()}")

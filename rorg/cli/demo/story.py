@@ -55,7 +55,7 @@ STANDBY_AGAIN = Action("", "standby", ("openface_server", "cartographer_localiza
 
 def start(stage: Stage) -> None:
     """rorg starts what is always on; then the developer makes the robot autonomous."""
-    stage.show.scene("1 The robot starts, and a developer makes it autonomous")
+    stage.show.scene("1 The robot starts, and a developer starts `behavioral`, which decides what it does")
     seconds = stage.serve()
     stage.show.line(f"{stage.now.counts()}; ready after {seconds:.1f} s")
     _work(stage, "rorg request behavioral --id autonomy --wait")
@@ -99,18 +99,22 @@ def compare(stage: Stage) -> None:
         Bar("CPU", everything.cpu, mean.cpu, "{:.2f} cores".format),
         Bar("memory", everything.memory, mean.memory, format_memory),
     ]
-    stage.show.scene("Summary, measured now; what the stand-ins use is synthetic")
+    stage.show.scene(f"Summary, measured now{_busy()}; the loads of the stand-ins are synthetic")
     for bar in bars:
         for line in bar.lines():
             stage.show.line(line)
     stage.show.line(
-        f"{'idle':<7} {len(on_demand.names('paused'))} paused: back in milliseconds, but keep their memory; "
+        f"{'idle':<7} {len(on_demand.names('paused'))} paused, which keep their memory and resume; "
         f"{len(on_demand.names('stopped'))} stopped"
     )
-    if (load := os.getloadavg()[0]) > BUSY * (os.cpu_count() or 1):
-        stage.show.line(f"other programs are busy here (load {load:.0f}), so the CPU figures say little")
     if stage.show.svg:
         Path(stage.show.svg).write_text(picture(stage.moments, bars), encoding="utf-8")
+
+
+def _busy() -> str:
+    """Words that warn of CPU figures that other programs made too small; empty if they did not."""
+    load = os.getloadavg()[0]
+    return f" on a busy machine (load {load:.0f})" if load > BUSY * (os.cpu_count() or 1) else ""
 
 
 SCENES: tuple[Scene, ...] = (
@@ -160,7 +164,7 @@ def play(robot: DemoRobot, show: Show, keep: bool) -> None:
 
 NOT_KEPT = (
     "rorg demo --keep      leave this robot running, for `rorg get`, `rorg why navigation`, `rorg ui`",
-    "rorg init robot       write the manifests of your own",
+    "rorg init robot       begin a robot of your own",
 )
 
 
