@@ -18,6 +18,7 @@ from rorg_client import Client  # noqa: E402
 def main(rorg: str) -> None:
     """Draw each view once, with a request that is released and made again."""
     client = Client(rorg)
+    client.release("action", "behavioral")  # the tour on which the demo leaves it
     ui = Ui(rorg)
     with browser() as chromium:
         context = chromium.new_context(viewport={"width": 1400, "height": 900}, color_scheme="light")

@@ -238,6 +238,8 @@ def test_only_what_somebody_asked_for_is_told_to_mean_nothing_here(tmp_path):
     try:
         robot.declare({"arm": {"container": {"cap_add": ["KILL"]}}, "camera": {}})
         robot.settle()
+        robot.declare({"arm": {"container": {"cap_add": ["KILL"]}}})
+        robot.settle()
         told = [line for line in robot.log() if "ignores options" in line]
         assert [line.partition("options: ")[2] for line in told] == ["cap_add (1 service)"]
     finally:

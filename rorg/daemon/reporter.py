@@ -110,7 +110,7 @@ class Reporter:
             self.when_new(*tree.source.events.get())
 
     def _ignored(self, tree: Tree) -> None:
-        """Report the options that manifests declare and the engine ignores."""
+        """Report the options that manifests declare and the engine ignores, once, although the manifests change."""
         users: dict[str, int] = {}
         for service in tree.desired.catalog.services.values():
             declared = frozenset(service.options) - frozenset(service.defaults)
@@ -118,7 +118,8 @@ class Reporter:
                 users[option] = users.get(option, 0) + 1
         if users:
             options = ", ".join(f"{option} ({counted(count, 'service')})" for option, count in sorted(users.items()))
-            self.event("options-ignored", f"the {self.engine.name} engine ignores options: {options}")
+            told = f"the {self.engine.name} engine ignores options: {options}"
+            self.when_new("options ignored", options, "options-ignored", told)
 
     def _unknown(self, decision: Decision) -> None:
         """Report names in the requests file that are not declared, such as typing errors of a person who edits it."""

@@ -14,10 +14,13 @@ from rorg.cli.options import EngineName
 def command(
     engine: EngineName = None,
     speed: Annotated[float, typer.Option(help="Speed; 2 is twice as fast.", parser=numbers(0.1, 20))] = 1.0,
-    keep: Annotated[bool, typer.Option("--keep", help="Keep the robot running at the end.")] = False,
+    keep: Annotated[
+        bool, typer.Option("--keep", help="Leave the robot and its rorg running at the end, to look at.")
+    ] = False,
     svg: Annotated[str | None, typer.Option(help="Save a picture of standby and tour to this file.")] = None,
+    verbose: Annotated[bool, typer.Option("--verbose", help="Print every action of rorg.")] = False,
 ) -> None:
-    """Run a tour-guide robot of stand-in services through its work, and leave nothing behind.
+    """Play the work of a tour-guide robot with stand-in programs: a tour, a crash, a bad update. Leave nothing behind.
 
     Example: rorg demo --engine process --speed 2
     """
@@ -25,25 +28,24 @@ def command(
 
     from rorg.cli.demo.robot import DemoRobot, choose_engine
     from rorg.cli.demo.show import Show
-    from rorg.cli.demo.tour import play
+    from rorg.cli.demo.story import play
 
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
     signal.signal(signal.SIGTERM, interrupt)
-    show = Show(speed, svg)
+    show = Show(speed, verbose, svg)
     chosen, why = choose_engine(engine)
-    show.title(f"rorg demo on the {chosen} engine ({why})")
-    robot = DemoRobot(chosen, show)
+    show.title(f"rorg demo: the work of a tour-guide robot, on the {chosen} engine ({why})")
+    robot = DemoRobot(chosen)
+    kept = False
     try:
-        play(robot, show)
+        play(robot, show, keep)
+        kept = keep
     except KeyboardInterrupt:
         show.line("interrupted")
         sys.exit(130)
     finally:
         show.close()
-        if keep:
-            robot.keep()
-        else:
-            show.line("cleaning up")
+        if not kept:
             robot.clean_up(show.line)

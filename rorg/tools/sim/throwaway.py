@@ -161,6 +161,11 @@ class ThrowawayRobot:
 
     # -- the end -----------------------------------------------------------------------------------------------
 
+    @property
+    def has_run(self) -> bool:
+        """Whether there may be containers. Otherwise the engine need not answer for the robot to be removed."""
+        return self.loop is not None
+
     def leave(self) -> None:
         """Stops the loop, but no containers."""
         if self.loop and self._thread:
@@ -174,7 +179,7 @@ class ThrowawayRobot:
         before = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGINT, signal.SIGTERM)}
         try:
             self.leave()
-            containers = self.engine.list() if self.loop else []
+            containers = self.engine.list() if self.has_run else []
             with ThreadPoolExecutor(len(containers) or 1) as pool:
                 left = [why for why in pool.map(self._remove, containers) if why]
             if left:
