@@ -190,10 +190,9 @@ def _interrupted(progress: Progress, service: Service, current: Container, evide
     still tried gets another try however its run ended then, because programs handle SIGTERM in their own ways. What
     ends for good is over, and must not run twice."""
     again, tried = service.restarts_after(current.exit_code), progress.update.baked != progress.update.edition
-    if progress.incarnation == current.incarnation:
+    # This rorg has seen it run, or began it: an engine that answers a start may stop before anyone looks.
+    if progress.incarnation == current.incarnation or progress.begun is not None:
         return again and (evidence.outage or (tried and current.vanished))
-    if progress.begun is not None:
-        return False  # this rorg began it
     return progress.rebooted or ((current.killed or tried) and again)
 
 

@@ -202,7 +202,8 @@ class Checkpoint:
 
     def _goal(self, printed: str, listed: Iterable[Mapping[str, Any]]) -> int | None:
         """The revision that a rollback leads to, by the commit that its commands name."""
-        return next((r["number"] for r in listed if r["commit"] and r["commit"][:12] in printed and not r["dirty"]), None)
+        whole = (r for r in listed if r["commit"] and not r["dirty"])
+        return next((r["number"] for r in whole if r["commit"][:12] in printed), None)
 
     def _rorg(self, *words: str) -> Any:
         return commands.run([*words], self.rorg.environment(), cwd=self.rorg.folder, timeout=120.0)
