@@ -203,6 +203,17 @@ def test_an_end_that_rorg_did_not_see_may_have_another_cause(known, update, code
     assert found.update.interrupted == (update.interrupted if interrupted is None else interrupted)
 
 
+@pytest.mark.parametrize("known", [{"begun": {}}, {"begun": {}, "incarnation": NEXT_RUN}, {"incarnation": RUN}])
+@pytest.mark.parametrize("update", [TRIED, PROVEN])
+def test_an_engine_that_did_not_answer_may_have_ended_a_run_that_nobody_had_seen_yet(known, update):
+    """It answers the start, and is stopped before anybody looks."""
+    progress = replace(NONE, update=update, **known)
+    assert after(progress, base("exited", exit_code=2), outage=True).exits == 0
+    assert after(progress, base("exited", exit_code=2)).exits == 1
+    once = Service("base", restart="never")
+    assert after(progress, base("exited", exit_code=2), outage=True, service=once).exits == 1
+
+
 def test_want_of_memory_is_no_interruption_and_what_ends_for_good_is_over():
     assert after(NONE, base("exited", exit_code=137, oom_killed=True)).exits == 1
     once = Service("base", restart="never")

@@ -259,10 +259,11 @@ class Actor:
             self.witness.engine_ended()
             began = time.time()
             self.dockerd.stop(kill=self.dice.random() < 0.6)
-            self.book.hands.append(Hand(began, time.time(), "unpause", "", ""))
             self.dockerd.options = ("--live-restore",) if self.dice.random() < 0.5 else ()
             self.pause(self.dice.choice((0.0, 1.0)))
             start_engine(self.dockerd)
+            # An engine that was killed ends what it finds when it begins.
+            self.book.hands.append(Hand(began, time.time(), "unpause", "", ""))
 
     def freeze(self) -> None:
         """As if the machine were busy."""

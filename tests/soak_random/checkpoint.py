@@ -41,7 +41,10 @@ class Checkpoint:
         states = self.witness.states()
         listed = self.history()
         faults = [Fault("lost", now, f"not at rest after {RESTS:g} s: {busy}")] if busy else []
-        faults += self.lost_requests(now) + self.lost_holds(status, now, states) + self.lost_services(now, states)
+        faults += self.lost_requests(now)
+        # An rorg that begins beside manifests with an error has none in force, says so, and changes nothing.
+        if any(name in status["services"] for name in SERVICES):
+            faults += self.lost_holds(status, now, states) + self.lost_services(now, states)
         return faults + self.history_of(listed, now)
 
     # -- rest --------------------------------------------------------------------------------------------------
@@ -202,7 +205,8 @@ class Checkpoint:
 
     def _goal(self, printed: str, listed: Iterable[Mapping[str, Any]]) -> int | None:
         """The revision that a rollback leads to, by the commit that its commands name."""
-        return next((r["number"] for r in listed if r["commit"] and r["commit"] in printed and not r["dirty"]), None)
+        whole = (r for r in listed if r["commit"] and not r["dirty"])
+        return next((r["number"] for r in whole if r["commit"][:12] in printed), None)
 
     def _rorg(self, *words: str) -> Any:
         return commands.run([*words], self.rorg.environment(), cwd=self.rorg.folder, timeout=120.0)

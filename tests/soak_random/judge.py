@@ -60,8 +60,8 @@ class Run:
     started: float
     """When the program began, which may be before a pause."""
     edition: int = 0
-    by_hand: bool = False
-    """Somebody started or resumed it behind rorg's back."""
+    hand: Hand | None = None
+    """What started or resumed it behind rorg's back."""
 
     def at(self, time: float) -> bool:
         return self.begin <= time < self.end
@@ -119,13 +119,13 @@ def runs_of(events: Iterable[Event], hands: Iterable[Hand] = ()) -> list[Run]:
     begun: dict[str, tuple[Event, float]] = {}
     started: dict[str, float] = {}
     killed: dict[str, float] = {}
-    by_hand, found = [*hands], list[Run]()
+    done, found = [*hands], list[Run]()
 
     def end(container: str, at: float) -> None:
         if container in begun:
             event, first = begun.pop(container)
             if not _only_ends(event, at, killed.get(container)):
-                found.append(_run(event, first, at, by_hand))
+                found.append(_run(event, first, at, done))
 
     for event in sorted(events):
         match event.action:
@@ -143,10 +143,9 @@ def runs_of(events: Iterable[Event], hands: Iterable[Hand] = ()) -> list[Run]:
 
 
 def _run(event: Event, started: float, end: float, hands: Sequence[Hand]) -> Run:
-    by_hand = any(
-        h.container in ("", event.container) and h.begin <= event.at <= h.end and h.verb in BEGINS for h in hands
-    )
-    return Run(event.service, event.container, event.at, end, started, event.edition, by_hand)
+    made = (h for h in hands if h.container in ("", event.container) and h.verb in BEGINS)
+    hand = next((h for h in made if h.begin <= event.at <= h.end), None)
+    return Run(event.service, event.container, event.at, end, started, event.edition, hand)
 
 
 def _only_ends(event: Event, end: float, killed: float | None) -> bool:
@@ -185,10 +184,12 @@ def _excused(group: Sequence[Run], away: Sequence[Span], now: float) -> bool:
     """Whether a run by hand made this overlap, and it ended as soon as rorg could act. `group` ends with the run that
     makes the overlap."""
     last, ended = group[-1], min([now, *(run.end for run in group)])
-    hands = [run for run in group if run.by_hand]
-    if not hands:
+    by_hand = [(run, run.hand) for run in group if run.hand]
+    if not by_hand:
         return False
-    if not last.by_hand and all(acting(run.begin, last.begin, away) > SAME_MOMENT for run in hands):
+    # A start that was under way already takes as long as that by hand did.
+    late = [acting(run.begin, last.begin, away) > SAME_MOMENT + hand.end - hand.begin for run, hand in by_hand]
+    if not last.hand and all(late):
         return False  # rorg started it beside what it must have seen
     return acting(last.begin, ended, away) <= ACTED
 

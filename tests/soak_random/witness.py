@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import threading
 import time
+from dataclasses import replace
 
 import docker
 import requests
@@ -78,25 +79,27 @@ class Witness:
             self.add(Event(*told))
 
     def _look(self, api: docker.APIClient) -> None:
-        """Ends runs whose end no event told. They may have ended as early as the engine did, which excuses most."""
-        there = {}
+        """Adds what no event told. A run may have ended as early as the engine did, which excuses most."""
+        known, runs = self.known(), dict[str, Event]()
+        for event in known:
+            if event.action == "start":
+                runs[event.container] = event
+            elif event.action in ("die", "destroy"):
+                runs.pop(event.container, None)
+        there: dict[str, dict] = {}
         for listed in api.containers(all=True, filters={"label": LABEL_SERVICE}):
             with contextlib.suppress(docker.errors.NotFound):
-                there[listed["Id"]] = api.inspect_container(listed["Id"])["State"]
-        last: dict[str, Event] = {}
-        begun: dict[str, float] = {}
-        for event in self.known():
-            if event.action != "kill":
-                last[event.container] = event
-            if event.action == "start":
-                begun[event.container] = event.at
-        for container, event in last.items():
-            state = there.get(container)
-            goes_on = state and state["Running"] and abs(parse_time(state["StartedAt"]) - begun.get(container, 0)) < 5
-            if event.action in ("start", "unpause", "pause") and not goes_on and event.at < self._down:
-                guess = Event(max(self._down, event.at), "die", container, event.service, event.edition)
+                there[listed["Id"]] = api.inspect_container(listed["Id"])
+        for container, event in runs.items():
+            if event.at < self._down and not _goes_on(event, there.get(container)):
+                guess = replace(event, at=max(self._down, event.at), action="die")
                 self._guessed[container] = guess
                 self.add(guess)
+        for container, found in there.items():
+            labels, begun = found["Config"]["Labels"], runs.get(container)
+            if found["State"]["Running"] and not (begun and _goes_on(begun, found)):
+                about = container, labels[LABEL_SERVICE], int(labels.get(LABEL) or 0)
+                self.add(Event(parse_time(found["State"]["StartedAt"]), "start", *about))
 
     def states(self) -> dict[str, list[tuple[str, int]]]:
         """Service -> (state, edition) of each of its containers, now. Raises one of AWAY."""
@@ -106,3 +109,9 @@ class Witness:
             labels = listed["Labels"]
             found.setdefault(labels[LABEL_SERVICE], []).append((listed["State"], int(labels.get(LABEL) or 0)))
         return found
+
+
+def _goes_on(event: Event, inspected: dict | None) -> bool:
+    """Whether a container is still in the run that began with this event: the engine notes a start before it tells."""
+    state = inspected and inspected["State"]
+    return bool(state and state["Running"] and parse_time(state["StartedAt"]) < event.at + 0.01)
