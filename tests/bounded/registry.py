@@ -40,9 +40,10 @@ def at(moment: str) -> Callable[[Callable[[Watch], None]], Callable[[Watch], Non
 
 def check(moment: str, watch: Watch) -> None:
     """Check all invariants of a moment. Raises Violation."""
-    for name, invariant in INVARIANTS.items():
-        if invariant.moment == moment:
-            try:
+    name = ""
+    try:
+        for name, invariant in INVARIANTS.items():
+            if invariant.moment == moment:
                 invariant.holds(watch)
-            except AssertionError as broken:
-                raise Violation(name, str(broken)) from broken
+    except AssertionError as broken:
+        raise Violation(name, str(broken)) from broken

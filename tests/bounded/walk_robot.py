@@ -10,6 +10,7 @@ from types import SimpleNamespace
 from bounded.virtual import WorldRobot
 from bounded.walk_worlds import BAD, Edits, WalkWorld
 
+from rorg.core.desired import Desired
 from rorg.core.masking import Masker
 from rorg.core.observed import Container
 from rorg.core.operations import Signal, Start
@@ -32,6 +33,8 @@ class Journal:
     def __init__(self, robot: WalkRobot, folder: Path) -> None:
         self.robot, self.folder = robot, folder
         self.states: list[Edits] = []
+        self.tree = SimpleNamespace()
+        """What the loop has read since the last commit."""
         self.begin()
 
     def begin(self) -> None:
@@ -47,12 +50,16 @@ class Journal:
 
     def note(self) -> None:
         """After a pass, as the loop does."""
-        robot, number = self.robot, len(self.states) - 1
-        commit = Commit(f"{number:040x}", "Ann", "", "", False)
-        tree = SimpleNamespace(
-            desired=robot.desired, commit=commit, errors=(), loaded=True, overtaken=False, robot="", here=""
+        robot = self.robot
+        self.historian.note(robot.decision, robot.decision.memory, self.tree, robot.boot)
+
+    def commit(self, edits: Edits, desired: Desired) -> None:
+        """Note what a new commit declares."""
+        commit = Commit(f"{len(self.states):040x}", "Ann", "", "", False)
+        self.states.append(edits)
+        self.tree = SimpleNamespace(
+            desired=desired, commit=commit, errors=(), loaded=True, overtaken=False, robot="", here=""
         )
-        self.historian.note(robot.decision, robot.decision.memory, tree, robot.boot)
 
     def revisions(self) -> Iterator[tuple[Revision, Edits]]:
         """Return each revision with what it declares, the newest first."""
@@ -91,7 +98,7 @@ class WalkRobot(WorldRobot):
         desired = self.world.trees.load(edits)
         if desired is None or (self.journal.states and edits == self.edits):
             return False
-        self.journal.states.append(edits)
+        self.journal.commit(edits, desired)
         self.desired, self.faults.bad = desired, self.world.trees.bad
         self.bad_files = frozenset(n for n, f in zip(self.world.names, edits.files, strict=True) if f in BAD)
         return True

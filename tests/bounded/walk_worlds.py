@@ -11,7 +11,7 @@ import itertools
 import random
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 
 import yaml
@@ -124,14 +124,6 @@ class Trees:
         return desired
 
 
-def draw_world(chance: random.Random) -> WalkWorld:
-    """Return a random world that rorg accepts."""
-    while True:
-        world = world_of(*draw_features(chance))
-        if world is not None and world.trees.load(world.trees.first()) is not None:
-            return world
-
-
 def draw_features(chance: random.Random) -> tuple[int, tuple[Feature, ...]]:
     """Return a number of services, and features of them."""
     count = chance.choice((1, 2, 2, 3, 3, 3, 4, 4, MOST_SERVICES, MOST_SERVICES))
@@ -145,6 +137,7 @@ def draw_features(chance: random.Random) -> tuple[int, tuple[Feature, ...]]:
     return count, (*needs, *dict.fromkeys(chance.sample(slots, chance.randint(0, MOST_FEATURES))))
 
 
+@lru_cache(maxsize=64)
 def world_of(count: int, features: tuple[Feature, ...]) -> WalkWorld | None:
     """Return the world with these features; None if a service has two ways to idle, or joins twice."""
     ways = [f[1] for f in features if f[0] in IDLING] + [f"joins {f[1]}" for f in features if f[0] in JOINS]

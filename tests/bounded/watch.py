@@ -117,6 +117,8 @@ class Watch:
         """Service -> the incarnation that rorg called ready in the pass before."""
         self.good: set[str] = set()
         """Containers that stayed well for their bake, and did not fail since."""
+        self.tried: set[str] = set()
+        """Digests of containers that have run."""
         self.leased: dict[tuple, float] = {}
         """Lease -> when it began at the latest."""
         self.life = 0
@@ -137,7 +139,7 @@ class Watch:
         """Return a watch with the same evidence on a copy of the robot."""
         other = Watch.__new__(Watch)
         other.__dict__.update(self.__dict__)
-        for name in ("begun", "good", "stopped", "to_stop"):
+        for name in ("begun", "good", "tried", "stopped", "to_stop"):
             setattr(other, name, {*getattr(self, name)})
         for name in ("starts", "baked", "ready", "leased", "quarantined"):
             setattr(other, name, {**getattr(self, name)})
@@ -185,10 +187,12 @@ class Watch:
         self.before = now
 
     def _note_good(self) -> None:
-        """A container is good once its edition has stayed well, until it ends on its own or hangs."""
+        """A container is good once it has stayed well, until it ends on its own or hangs."""
         desired = self.robot.desired
         for container in self.robot.engine.containers.values():
             step = self.robot.memory.of(container.service)
+            if container.started_at:
+                self.tried.add(container.digest)
             if container.incarnation in (step.exited, step.hung) or container.exit_code:
                 self.good.discard(container.id)
             elif (
@@ -196,8 +200,14 @@ class Watch:
                 and step.incarnation == container.incarnation
                 and container.digest == desired.digests.get(container.service)
                 and step.update.baked == step.update.edition != ""
+                and self._stayed_well(container.service)
             ):
                 self.good.add(container.id)
+
+    def _stayed_well(self, name: str) -> bool:
+        """Whether this very run has stayed well for its bake: its edition may have been proven by an earlier one."""
+        since, service = self.robot.memory.of(name).well_since, self.services.get(name)
+        return since is not None and service is not None and self.robot.now >= since + service.update.bake
 
     def _note_leases(self) -> None:
         """A lease begins when this rorg sees it first, and again while its requester sleeps or the engine is silent."""
