@@ -142,9 +142,9 @@ def test_another_container_has_no_part_in_the_failures_of_the_previous_one():
 @pytest.mark.parametrize(
     ("ended", "why"),
     [
-        (base("exited", exit_code=3), "exit code 3"),
-        (base("restarting", exit_code=3), "exit code 3"),
-        (base("exited", exit_code=137, oom_killed=True), "out of memory"),
+        (base("exited", exit_code=3), "ended with exit code 3"),
+        (base("restarting", exit_code=3), "ended with exit code 3"),
+        (base("exited", exit_code=137, oom_killed=True), "killed: out of memory"),
     ],
 )
 @pytest.mark.parametrize(("exits", "delay"), [(0, 0.0), (1, 1.0), (2, 2.0), (3, 4.0), (7, 60.0), (50, 60.0)])
@@ -154,8 +154,8 @@ def test_each_exit_in_a_row_postpones_the_next_start_further(ended, why, exits, 
         "exits": exits + 1,
         "crashes": exits + 1,
         "exited": RUN,
-        "error": f"ended with {why}",
-        "attempts": {"start": Attempt(at=NOW + delay, error=f"ended with {why}")},
+        "error": why,
+        "attempts": {"start": Attempt(at=NOW + delay, error=why)},
     }
 
 
