@@ -31,7 +31,7 @@ def about_tree(tree: Tree, requests: RequestsFile) -> dict[str, Any]:
             "fingerprint": tree.desired.catalog.fingerprint,
             "revision": tree.revision,
             "robot": tree.robot,
-            "git": tree.git_json(),
+            "git": _git(tree),
             "standing": asdict(tree.standing) if tree.standing else None,
             "errors": [d.as_json() for d in tree.errors],
             "warnings": [d.as_json() for d in tree.warnings],
@@ -39,6 +39,16 @@ def about_tree(tree: Tree, requests: RequestsFile) -> dict[str, Any]:
         "down": down_of(requests.document),
         "requests_errors": [str(d) for d in requests.diagnostics],
     }
+
+
+def _git(tree: Tree) -> dict[str, Any] | None:
+    """The repository that is followed, and its state; or one that git does not trust; otherwise None."""
+    if tree.source is not None:
+        return tree.source.as_json()
+    if not tree.refusal:
+        return None
+    nothing = dict.fromkeys(("branch", "commit", "fetched_at"), "")
+    return {"followed": False, "repository": str(tree.root), **nothing, "error": tree.refusal}
 
 
 def down_of(document: RequestsDocument) -> str:

@@ -11,9 +11,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
-from rorg.core.desired import Desired, desire
+from rorg.core.desired import Desired, desire, desire_again
 from rorg.core.masking import Masker
 from rorg.core.peers import seen_from
 from rorg.core.standing import Standing
@@ -82,12 +81,15 @@ class Tree:
         source: GitSource | None = None,
         machine: str = "",
         adapt: Callable[[Catalog], Catalog] = lambda catalog: catalog,
+        last: Callable[[], Catalog | None] = lambda: None,
     ) -> None:
         """`named`, `machine`: the robot whose overlay is used, and which of its machines this is; by default those
-        called `host`. `adapt`: changes what was read into what runs, such as stand-ins for its programs."""
+        called `host`. `adapt`: changes what was read into what runs, such as stand-ins for its programs. `last`: the
+        Catalog that was in force before this rorg, with which it begins if the tree has errors. A mistake in a file
+        and then a reboot must not leave the robot without its services."""
         self.named, self.host, self.machine = named, host, machine
         self.root, self.run, self.clock, self.engine = root, run, clock, engine
-        self.references, self.source, self.adapt = references, source, adapt
+        self.references, self.source, self.adapt, self.last = references, source, adapt, last
         self.masker = Masker()
         """Knows the secrets of everything that was read, even of refused trees."""
         self.images = Content()
@@ -135,15 +137,6 @@ class Tree:
     def _under_way(self) -> bool:
         """Whether git is writing it."""
         return checkout_under_way(self._git) or (self.source is not None and self.source.writing)
-
-    def git_json(self) -> dict[str, Any] | None:
-        """The repository that is followed, and its state; or one that git does not trust; otherwise None."""
-        if self.source is not None:
-            return self.source.as_json()
-        if not self.refusal:
-            return None
-        nothing = dict.fromkeys(("branch", "commit", "fetched_at"), "")
-        return {"followed": False, "repository": str(self.root), **nothing, "error": self.refusal}
 
     def stamp(self) -> Stamp:
         """Changes with every file that belongs to the tree (names, times, sizes): manifests, what is read with them,
@@ -279,6 +272,16 @@ class Tree:
         if desired is not None:
             self._catalog = loaded.catalog
             self.desired, self.images, self.loaded = desired, images, True
+        elif not self.loaded and (last := self.last()):
+            self._begin_with(last)
+
+    def _begin_with(self, last: Catalog) -> None:
+        """Begin with a Catalog that an earlier rorg has derived from a good tree."""
+        here = machine_for(last.machines, self.machine, self.host, self.engine)
+        if not isinstance(here, Diagnostic):
+            self.masker.learn(last)
+            self.here, self.loaded = here, True
+            self.desired = desire_again(last, self._contents.of(last, self.root))
 
     def _desired(self, loaded: Loaded) -> tuple[Loaded, Desired | None, Content]:
         """What a tree asks for, and from which images; None, with the reason as a diagnostic, if it has errors or if

@@ -6,6 +6,7 @@ import os
 import threading
 import time
 from collections.abc import Callable, Collection
+from functools import partial
 from pathlib import Path
 
 from rorg.daemon.generations import Generations
@@ -41,6 +42,7 @@ from rorg.probes.prober import Prober
 from rorg.probes.ros2_exchange import Ros2Exchange
 from rorg.probes.runner import ProbeRunner
 from rorg.store import machine_file
+from rorg.store.last_good import read_last_catalog
 from rorg.store.requests_file import RequestsFile
 from rorg.store.state_dir import StateDir
 from rorg.store.wakeup import Wakeup
@@ -78,6 +80,7 @@ def make_tree(root: Path, state: StateDir, engine: str, robot: str = "", source:
         host=host,
         source=source,
         machine=machine,
+        last=partial(read_last_catalog, state.path),
     )
 
 

@@ -1,4 +1,5 @@
-"""Keeps what the last good tree declared, so that the next rorg knows what has been removed from it."""
+"""Keeps what the last good tree declared. The next rorg then knows what has been removed from it, and begins with it if
+the tree has errors by then."""
 
 from __future__ import annotations
 
@@ -18,6 +19,8 @@ from rorg.store.files import write_atomic
 from rorg.store.state_dir import read_json
 
 NAME = ".services.last-good.json"
+UNREADABLE = (ValueError, LookupError, TypeError, AttributeError, RecursionError)
+"""What a file raises that another version wrote, or that was damaged."""
 T = TypeVar("T")
 
 
@@ -29,9 +32,7 @@ def write_kept(folder: Path, kept: Kept) -> None:
         {**_dump(f.what), "needed_by": f.needed_by, "groups": f.groups, "withheld": f.withheld}
         for f in kept.former.values()
     ]
-    declared: list[Service | Group] = [*kept.catalog.services.values(), *kept.catalog.groups.values()]
-    last = [_dump(what) for what in declared]
-    content = {"last": last, "former": former, "requests": [asdict(r) for r in kept.catalog.requests]}
+    content = {"last": asdict(kept.catalog), "former": former}
     write_atomic(folder / NAME, json.dumps({"digest": _digest(content), **content}) + "\n", mode=0o600)
 
 
@@ -39,16 +40,33 @@ def read_kept(folder: Path) -> Kept:
     """The last written content; nothing if the file was damaged. Entries that this version does not understand are
     ignored."""
     try:
-        content = read_json(folder / NAME) or {}
-        if content.pop("digest", "") != _digest(content):
-            return Kept()
-        last, former = _each(content["last"], _load), _each(content["former"], _former)
-        requests = _each(content.get("requests", []), partial(_value, Request))
-    except (ValueError, LookupError, TypeError, RecursionError):
+        content = _content(folder)
+        services = _each(content["last"]["services"].values(), partial(_value, Service))
+        groups = _each(content["last"]["groups"].values(), partial(_value, Group))
+        requests = _each(content["last"]["requests"], partial(_value, Request))
+        former = _each(content["former"], _former)
+    except UNREADABLE:
         return Kept()
-    services = {w.name: w for w in last if isinstance(w, Service)}
-    groups = {w.name: w for w in last if isinstance(w, Group)}
-    return Kept(Catalog(services, groups, requests=tuple(requests)), {f.what.name: f for f in former})
+    catalog = Catalog({s.name: s for s in services}, {g.name: g for g in groups}, requests=tuple(requests))
+    return Kept(catalog, {f.what.name: f for f in former})
+
+
+def read_last_catalog(folder: Path) -> Catalog | None:
+    """The whole Catalog that was in force last; None if there is none, if the file was damaged, or if another version
+    wrote it whose Catalog is different."""
+    try:
+        catalog: Catalog = _value(Catalog, _content(folder)["last"])
+    except UNREADABLE:
+        return None
+    return catalog
+
+
+def _content(folder: Path) -> dict[str, Any]:
+    """Raises ValueError if the file was damaged, LookupError if there is none."""
+    content: dict[str, Any] = read_json(folder / NAME) or {}
+    if content.pop("digest", "") != _digest(content):
+        raise ValueError(f"{NAME} is damaged")
+    return content
 
 
 def _digest(content: Mapping[str, Any]) -> str:
