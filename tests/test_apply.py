@@ -9,6 +9,7 @@ import commands
 import pytest
 from conftest import wait_for
 from robots import RealRobot, write_tree
+from rorg_process import RorgProcess
 
 NOWHERE = {"image": "nowhere/none:1"}
 CRASHES = {"command": ["sh", "-c", "exit 3"], "ready": {"delay": "10s"}}
@@ -87,3 +88,24 @@ def test_what_a_person_holds_holds_nothing_up(robot):
     code, said, seconds = apply(robot, "--wait")
     assert code == 0, said
     assert seconds < 20, said
+
+
+def test_without_wait_it_returns_though_requests_of_others_keep_rorg_busy(tmp_path):
+    """Only what was planned has to be done."""
+    stubborn = ["sh", "-c", "trap '' TERM INT; echo up; while :; do sleep 0.1; done"]
+    slow = {"command": stubborn, "ready": {"log": "up"}, "container": {"stop_grace_period": "60s"}}
+    robot = RorgProcess(tmp_path, {"arm": {"always_on": True}, "slow": slow}).start()
+    try:
+        client = robot.client(patience=30)
+        client.wait("arm", timeout=30)
+        request = client.request("slow", wait=30, ttl=None)
+        write_tree(robot.tree, {"arm": {"always_on": True, "container": {"environment": {"N": "2"}}}, "slow": slow})
+        request.release()
+        wait_for(lambda: client.service("slow")["state"] == "stopping")
+        environment = {**os.environ, "RORG_STATE_DIR": str(robot.state), "RORG_ENGINE": "process"}
+        done = commands.run(["apply", str(robot.tree), "--yes", "--timeout", "30s"], environment)
+        assert done.returncode == 0, done.stderr
+        assert client.service("slow")["state"] == "stopping"
+        assert client.service("arm")["sync"] == "Synced"
+    finally:
+        robot.close()

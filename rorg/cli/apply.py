@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 from urllib.parse import quote
@@ -134,6 +135,7 @@ def _through(context: Context, owner: dict[str, Any], shown: Differences, wait: 
     who = f"rorg at {context.remote}" if context.remote else f"{owner.get('what')} (pid {owner.get('pid')})"
     note(f"{who} carries it out")
     asked: list[str] = []
+    planned = {action["service"] for action in shown.plan["actions"]}
 
     def done(view: dict[str, Any]) -> str:
         if view["tree"]["errors"]:
@@ -150,7 +152,7 @@ def _through(context: Context, owner: dict[str, Any], shown: Differences, wait: 
             return f"the removal of {', '.join(left)} has not begun"
         if changes:
             return f"the change of {', '.join(changes)} has not begun"
-        unfinished = _unfinished(view, bool(wait)) or (_on_trust(view, shown.probed) if wait else "")
+        unfinished = _unfinished(view, bool(wait), planned) or (_on_trust(view, shown.probed) if wait else "")
         if wait == PROVEN and not unfinished and (failed := _failed(view)):
             raise NotReady("wait for the running rorg", failed, "`rorg history`")
         return unfinished or (_unproven(view) if wait == PROVEN else "")
@@ -207,12 +209,14 @@ def _failed(view: dict[str, Any]) -> str:
     return str(standing["reason"]) if standing.get("code") == "failed" else ""
 
 
-def _unfinished(view: dict[str, Any], wait: bool) -> str:
-    """Why the running rorg is not done; empty if it is. Raises NotReady if waiting is hopeless."""
+def _unfinished(view: dict[str, Any], wait: bool, planned: Collection[str]) -> str:
+    """Why the running rorg is not done; empty if it is. Without `wait` only what was planned has to be done, since
+    requests of others may come and go all the time. Raises NotReady if waiting is hopeless."""
     images = any(w.get("code") == IMAGE for w in view["plan"]["waitings"])
     if not view["engine"]["complete"]:
         return str(view["engine"]["error"]) or "it is not known what runs"
-    busy = images or view["plan"]["actions"] or view["in_flight"]
+    under_way = [*view["in_flight"], *(action["service"] for action in view["plan"]["actions"])]
+    busy = images or any(wait or service in planned for service in under_way)
     failed = hopeless(view, view["services"]) if wait or not busy else {}
     if failed:
         raise NotReady(
