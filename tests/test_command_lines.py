@@ -51,7 +51,7 @@ schema a b; completion; completion a b; exec; exec arm; exec arm ls -la; exec --
 cp; cp a
 dev --workspace; dev --name; dev arm -x; dev arm --nosuch; dev arm ls -la
 simulate; simulate a b c; simulate a --seed x; simulate a --seed 1.5; simulate a --every 0; simulate a --every soon
-cp a b c; cp -r a b; edit; edit a b; edit --force arm; demo x; demo --speed x; demo --speed 0
+cp a b c; cp -r a b; edit; edit a b; edit --force arm; demo x; demo --speed x; demo --speed 0; demo --speed nan
 emulate; emulate --pairs 0 a-file; emulate a-file --compress 0.5; emulate a-file --scale 2; emulate a-file --pairs x
 """
 """What is said of them is said before anything is looked at: exit code 2."""

@@ -94,7 +94,7 @@ def test_services_are_sorted(robot):
     assert names(rorg(robot, "get", "--sort-by", "priority"))[-1] == "fine"
     assert names(rorg(robot, "get", "--sort-by", "restarts"))[0] == "quits"
     assert set(names(rorg(robot, "get", "--sort-by", "age"))[:2]) == {"deaf", "fine"}
-    assert "one of name, state, age" in rorg(robot, "get", "--sort-by", "size", code=2)
+    assert "is not one of 'name', 'state', 'age'" in rorg(robot, "get", "--sort-by", "size", code=2)
 
 
 def test_profiles_and_policies_are_listed(robot):

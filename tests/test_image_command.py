@@ -102,7 +102,7 @@ def test_a_robots_images_come_to_another_machine_in_a_file(lab, tmp_path):
 @pytest.mark.parametrize(
     ("words", "code", "said"),
     [
-        (["paint"], 2, "one of list, prune, save, load"),
+        (["paint"], 2, "is not one of 'list', 'prune', 'save', 'load'"),
         (["save"], 2, "rorg image save FILE"),
         (["list", "eye"], 2, "unexpected argument"),
         (["load", "nothing.tar"], 2, "No such file"),

@@ -105,7 +105,7 @@ def test_a_command_waits_until_all_is_ready_or_does_not(robot, ready):  # noqa: 
 
 def test_wrong_lines_request_nothing(robot):  # noqa: F811
     assert "no such program" in rorg(robot, "run-with", "arm", "--", "no-such-program", code=2).stderr
-    assert "missing after --" in rorg(robot, "run-with", "arm", "sh", code=2).stderr
+    assert "missing argument 'PROGRAM' after --" in rorg(robot, "run-with", "arm", "sh", code=2).stderr
     assert "nope" in rorg(robot, "run-with", "nope", "--", "true", code=2).stderr
     assert requests(robot) == {}
     robot.stop()

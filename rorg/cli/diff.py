@@ -38,7 +38,7 @@ def command(
     directory: Directory = None,
     rev: Rev = "",
     service: Annotated[
-        str, typer.Option(help="Only this service.", metavar="SERVICE", autocompletion=complete_services)
+        str, typer.Option("--service", help="Only this service.", metavar="SERVICE", autocompletion=complete_services)
     ] = "",
     *,
     unified: Unified = False,

@@ -38,7 +38,9 @@ def command(
     format: Annotated[Literal["jsonl", "protobuf"], typer.Option(help="For export: jsonl or protobuf.")] = "jsonl",
     file: Annotated[
         Path | None,
-        typer.Option(help="For export: the file to write. Default: standard output.", metavar="FILE", click_type=FILE),
+        typer.Option(
+            "--file", help="For export: the file to write. Default: standard output.", metavar="FILE", click_type=FILE
+        ),
     ] = None,
     output: Output = "table",
 ) -> None:

@@ -63,7 +63,6 @@ Socket = Annotated[
         click_type=FILE,
     ),
 ]
-"""Every command that calls the running rorg has it."""
 OnMachine = Annotated[
     str | None,
     typer.Option(
@@ -72,7 +71,7 @@ OnMachine = Annotated[
         metavar="NAME",
     ),
 ]
-"""The same."""
+"""Every command that calls the running rorg has these two."""
 Engine = Literal["docker", "process", "swarm"]
 EngineName = Annotated[
     Engine | None,

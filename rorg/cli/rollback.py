@@ -22,7 +22,9 @@ def command(
     ] = "",
     service: Annotated[
         str,
-        typer.Option(help="Only the manifest of this service.", metavar="SERVICE", autocompletion=complete_services),
+        typer.Option(
+            "--service", help="Only the manifest of this service.", metavar="SERVICE", autocompletion=complete_services
+        ),
     ] = "",
     *,
     printed: Annotated[bool, typer.Option("--print", help="Only print the git commands that make the commit.")] = False,

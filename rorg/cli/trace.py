@@ -43,7 +43,10 @@ Since = Annotated[
 File = Annotated[
     Path | None,
     typer.Option(
-        help="For generate and record: the file to write. Default: standard output.", metavar="FILE", click_type=FILE
+        "--file",
+        help="For generate and record: the file to write. Default: standard output.",
+        metavar="FILE",
+        click_type=FILE,
     ),
 ]
 
