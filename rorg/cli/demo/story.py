@@ -36,12 +36,7 @@ class Action(NamedTuple):
         return f"rorg request {self.group} --as behavioral --id action --wait"
 
 
-STANDBY = Action(
-    "2 It looks for visitors",
-    "standby",
-    ("openface_client",),
-    "Standby: looking for visitors",
-)
+STANDBY = Action("2 It looks for visitors", "standby", ("openface_client",), "Standby: looking for visitors")
 CHAT = Action("3 It talks with one", "chat", ("gcloud_speech_action_server",))
 TOUR = Action(
     "4 It guides a tour",
