@@ -1,4 +1,4 @@
-# make demo: the main job in under two minutes. make test: what must hold; .ci/run adds ROS 2, other engines and versions.
+# make demo: the main job in about a minute. make test: what must hold; .ci/run adds ROS 2, other engines and versions.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
