@@ -27,11 +27,11 @@ def typing_mistake(stage: Stage) -> None:
     for error in view["tree"]["errors"]:
         place = error["file"].replace(f"{stage.robot.repository}/", "")
         text = f"{error['message']}{advice(error['remedy'])}"
-        stage.show.line(f"refused: {place}:{error['line']}:{error['column']}: {text}")
+        stage.show.line(f"{place}:{error['line']}:{error['column']}: {text}")
     stage.run(REVERT)
     stage.robot.wait("the revert", lambda v: not v["tree"]["errors"])
     stage.settle("the revert")
-    stage.show.line(f"meanwhile {stage.others()}")
+    stage.show.line(f"the commit was refused; {stage.others()}")
 
 
 def bad_update(stage: Stage) -> None:
