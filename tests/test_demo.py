@@ -26,8 +26,8 @@ from rorg.cli.demo.snapshot import Change, Service, Snapshot
 from rorg.cli.demo.stage import Stage
 from rorg.cli.demo.story import SCENES, prepare
 
-MOST_LINES, MOST_COLUMNS = 70, 100
-COUNTS = re.compile(r"  (\d+) of 41 services run, (\d+) paused, (\d+) stopped")
+MOST_LINES, MOST_COLUMNS = 70, 80
+COUNTS = re.compile(r"  (\d+) services run, (\d+) paused, (\d+) stopped")
 CHANGE = re.compile(r"  (started|resumed|paused|stopped) +(\w+) ")
 LEFT_IN = {"started": "running", "resumed": "running", "paused": "paused", "stopped": "stopped"}
 Runs = dict[str, tuple[str, str]]
@@ -78,8 +78,8 @@ def check_kill(before: Runs, after: Runs, text: str) -> None:
 
 def check_mistake(before: Runs, after: Runs, text: str) -> None:
     assert after == before
-    assert "refused: manifests/services/ros_trigger_ui.yaml:8:3: unknown key 'imagge'; try 'image'" in text
-    assert f"meanwhile {len(before)} services ran on" in text
+    assert "  manifests/services/ros_trigger_ui.yaml:8:3: unknown key 'imagge'; try 'image'" in text
+    assert f"the commit was refused; {len(before)} services ran on" in text
 
 
 def check_update(before: Runs, after: Runs, text: str) -> None:
@@ -165,7 +165,7 @@ def demo(folder: Path, *args: str, **env: str) -> subprocess.Popen:
 def check_story(output: str) -> None:
     lines = output.splitlines()
     assert len(lines) <= MOST_LINES
-    assert max(map(len, lines)) <= MOST_COLUMNS
+    assert max(map(len, lines[1:])) <= MOST_COLUMNS
     commands = [line for line in lines if line.startswith("$ ")]
     for begin in ("rorg run", "rorg request tour", "kill -9", "git commit", "git revert"):
         assert any(line.startswith(f"$ {begin}") for line in commands), begin
@@ -243,7 +243,7 @@ def test_the_live_table_changes_in_place_and_is_erased():
     table.start()
     assert "● arm" in paper.getvalue()
     assert "‖ lidar" in paper.getvalue()
-    assert "1 of 2 services run, 1 paused, 0 stopped" in paper.getvalue()
+    assert "1 services run, 1 paused, 0 stopped" in paper.getvalue()
     table.stop()
     assert paper.getvalue().rstrip().endswith("\x1b[2K"), "the last thing it does is to erase its lines"
 
@@ -265,5 +265,5 @@ def test_a_snapshot_names_what_changed():
         Change("resumed", "b", "needed by c"),
         Change("started", "c", "requested"),
     ]
-    assert now.counts() == "3 of 4 services run, 1 paused, 0 stopped"
+    assert now.counts() == "3 services run, 1 paused, 0 stopped"
     assert now.runs() == {"b": "2", "c": "3", "d": "5"}

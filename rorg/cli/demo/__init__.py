@@ -36,7 +36,7 @@ def command(
     signal.signal(signal.SIGTERM, interrupt)
     show = Show(speed, verbose, svg)
     chosen, why = choose_engine(engine)
-    show.title(f"rorg demo: the work of a tour-guide robot, on the {chosen} engine ({why})")
+    show.title(f"rorg demo: a tour guide on the {chosen} engine ({why})")
     robot = DemoRobot(chosen)
     kept = False
     try:

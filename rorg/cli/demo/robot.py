@@ -157,7 +157,7 @@ class DemoRobot(ThrowawayRobot):
         if self.server is not None and self.server.poll() is not None:
             *_, last = ["", *self.log.read_text().splitlines()]
             raise NotReady("start rorg", last)
-        return bool(view["services"])
+        return bool(view["services"] and view["engine"]["complete"])
 
     def view(self) -> Mapping[str, Any]:
         """The status that rorg answers, which knows of every command that has ended; EMPTY while it does not

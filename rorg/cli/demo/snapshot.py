@@ -45,8 +45,7 @@ class Snapshot:
     def counts(self) -> str:
         """Format the number of services in each state."""
         count = Counter(service.state for service in self.services.values())
-        everything = len(self.services)
-        return f"{count['running']} of {everything} services run, {count['paused']} paused, {count['stopped']} stopped"
+        return f"{count['running']} services run, {count['paused']} paused, {count['stopped']} stopped"
 
     def runs(self) -> dict[str, str]:
         """Service -> the run that it is in now."""

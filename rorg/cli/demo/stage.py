@@ -13,7 +13,7 @@ from rorg.model.units import format_memory
 from rorg.store.state_dir import read_json
 from rorg.tools.sim.throwaway import EMPTY
 
-MEASURED = 2.0
+MEASURED = 1.5
 """Seconds for which CPU is measured. A stand-in works and rests ten times a second, so this is long enough."""
 
 

@@ -36,12 +36,7 @@ class Action(NamedTuple):
         return f"rorg request {self.group} --as behavioral --id action --wait"
 
 
-STANDBY = Action(
-    "2 It looks for visitors",
-    "standby",
-    ("openface_client",),
-    "Standby: looking for visitors",
-)
+STANDBY = Action("2 It looks for visitors", "standby", ("openface_client",), "Standby: looking for visitors")
 CHAT = Action("3 It talks with one", "chat", ("gcloud_speech_action_server",))
 TOUR = Action(
     "4 It guides a tour",
@@ -55,7 +50,7 @@ STANDBY_AGAIN = Action("", "standby", ("openface_server", "cartographer_localiza
 
 def start(stage: Stage) -> None:
     """rorg starts what is always on; then the developer makes the robot autonomous."""
-    stage.show.scene("1 The robot starts, and a developer starts `behavioral`, which decides what it does")
+    stage.show.scene("1 The robot starts; a developer starts `behavioral`, which decides what to do")
     seconds = stage.serve()
     stage.show.line(f"{stage.now.counts()}; ready after {seconds:.1f} s")
     _work(stage, "rorg request behavioral --id autonomy --wait")
@@ -99,7 +94,7 @@ def compare(stage: Stage) -> None:
         Bar("CPU", everything.cpu, mean.cpu, "{:.2f} cores".format),
         Bar("memory", everything.memory, mean.memory, format_memory),
     ]
-    stage.show.scene(f"Summary, measured now{_busy()}; the loads of the stand-ins are synthetic")
+    stage.show.scene(f"Summary, measured now{_busy()}; stand-in loads are synthetic")
     for bar in bars:
         for line in bar.lines():
             stage.show.line(line)
@@ -138,9 +133,10 @@ def prepare(robot: DemoRobot, show: Show) -> None:
     began = time.monotonic()
     robot.build(catalog, show.progress)
     built = f"images built in {time.monotonic() - began:.0f} s; " if robot.engine.capabilities.images else ""
-    show.line(f"{built}stand-in programs use {robot.scale:.0%} of the CPU and memory that they declare")
+    count = sum(not service.meta for service in catalog.services.values())
+    show.line(f"{built}{count} stand-in programs use {robot.scale:.0%} of what they declare")
     if ignored := robot.ignored_options(catalog):
-        show.line(f"the {robot.engine.name} engine ignores {', '.join(ignored)}")
+        show.line(f"the engine ignores {', '.join(ignored)}")
 
 
 def play(robot: DemoRobot, show: Show, keep: bool) -> None:
@@ -163,8 +159,8 @@ def play(robot: DemoRobot, show: Show, keep: bool) -> None:
 
 
 NOT_KEPT = (
-    "rorg demo --keep      leave this robot running, for `rorg get`, `rorg why navigation`, `rorg ui`",
-    "rorg init robot       begin a robot of your own",
+    "rorg demo --keep   keeps it running, for `rorg why navigation` and `rorg ui`",
+    "rorg init robot    begins a robot of your own",
 )
 
 

@@ -23,15 +23,15 @@ def typing_mistake(stage: Stage) -> None:
     stage.show.scene("Two bad commits: a typing mistake, and a program that crashes")
     _commit(stage, "A new image", lambda text: text.replace("  image:", "  imagge:"))
     view = stage.robot.wait("the refusal", lambda v: bool(v["tree"]["errors"]))
-    stage.look_at(view)
+    stage.print_actions()
     for error in view["tree"]["errors"]:
         place = error["file"].replace(f"{stage.robot.repository}/", "")
         text = f"{error['message']}{advice(error['remedy'])}"
-        stage.show.line(f"refused: {place}:{error['line']}:{error['column']}: {text}")
+        stage.show.line(f"{place}:{error['line']}:{error['column']}: {text}")
     stage.run(REVERT)
     stage.robot.wait("the revert", lambda v: not v["tree"]["errors"])
     stage.settle("the revert")
-    stage.show.line(f"meanwhile {stage.others()}")
+    stage.show.line(f"the commit was refused; {stage.others()}")
 
 
 def bad_update(stage: Stage) -> None:
@@ -44,7 +44,7 @@ def bad_update(stage: Stage) -> None:
     why = _updated(view)["message"].partition(";")[0]
     stage.show.line(f"undone after {seconds:.1f} s, because it {why}; {stage.others(UPDATED)}")
     stage.run(REVERT)
-    view = stage.robot.wait("the revert", lambda v: _updated(v)["reason"] != "Quarantined")
+    stage.robot.wait("the revert", lambda v: _updated(v)["reason"] != "Quarantined")
     stage.settle("the revert")
     stage.show.line(f"{UPDATED} is as declared; {stage.others()}")
 
@@ -57,12 +57,12 @@ def _commit(stage: Stage, message: str, edit: Callable[[str], str]) -> None:
 
 
 def _updated(view: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The condition that says what came of the last update; without a reason if nothing is to be said."""
-    conditions: dict[str, Mapping[str, Any]] = {c["type"]: c for c in view["services"][UPDATED]["conditions"]}
-    return conditions.get("Updated", {"reason": "", "message": ""})
+    """The condition that says what came of the last update; without a reason if there is nothing to say."""
+    conditions = view["services"].get(UPDATED, {}).get("conditions", ())
+    return next((c for c in conditions if c["type"] == "Updated"), {"reason": "", "message": ""})
 
 
 def _undone(view: Mapping[str, Any]) -> bool:
     """Whether the update has failed, and the previous container is ready again."""
-    back = view["services"][UPDATED]["health"] == "Healthy" and not (view["plan"]["actions"] or view["in_flight"])
-    return back and _updated(view)["reason"] == "Quarantined"
+    at_rest = not (view["plan"]["actions"] or view["in_flight"])
+    return at_rest and _updated(view)["reason"] == "Quarantined" and view["services"][UPDATED]["health"] == "Healthy"

@@ -23,7 +23,7 @@ from rorg.errors import EngineError, NotReady, RorgError
 from rorg.images.order import Builder, Order, Result
 from rorg.images.references import references_for
 from rorg.images.supply import Supplier
-from rorg.model.catalog import Catalog, Request
+from rorg.model.catalog import Catalog
 from rorg.model.causes import causes
 from rorg.store.requests_file import RequestsFile
 from rorg.store.state_dir import StateDir, read_json
@@ -95,7 +95,7 @@ class ThrowawayRobot:
         self._thread.start()
         return self.loop
 
-    # -- status and requests -----------------------------------------------------------------------------------
+    # -- status ------------------------------------------------------------------------------------------------
 
     def view(self) -> Mapping[str, Any]:
         """The status that the loop published last."""
@@ -104,9 +104,6 @@ class ThrowawayRobot:
     def containers(self) -> tuple[Container, ...]:
         """Containers as the loop sees them."""
         return self.loop.observer.snapshot().containers if self.loop else ()
-
-    def meanwhile(self) -> None:
-        """Called repeatedly while waiting."""
 
     def wait(self, what: str, done: Callable[[Mapping[str, Any]], bool], seconds: float = 60.0) -> Mapping[str, Any]:
         """Waits for a published status. Raises NotReady `seconds` after the last service began to run for the first
@@ -120,7 +117,6 @@ class ThrowawayRobot:
             if new := {n for n, s in view["services"].items() if s["state"] == "running"} - ran:
                 ran |= new
                 deadline = time.monotonic() + seconds
-            self.meanwhile()
             time.sleep(LOOK)
         why = "".join(f"; {cause}" for cause in causes((one["service"], one["reason"]) for one in waits))
         raise NotReady(f"wait for {what}", f"it did not happen, and no service began to run for {seconds:g} s{why}")
@@ -138,20 +134,6 @@ class ThrowawayRobot:
 
     def active(self) -> set[str]:
         return {n for n, s in self.view()["services"].items() if s["state"] == "running"}
-
-    def request(self, id: str, requester: str, services: list[str]) -> None:
-        """Makes a request, and waits until it takes effect. Raises NotReady."""
-        run = self.view()["services"].get(requester, {}).get("incarnation") or None
-        self.requests.change(lambda a: a.put(Request(id, requester, tuple(services), incarnation=run)))
-        self.wait(
-            "the request",
-            lambda v: any(r["id"] == id and r["services"] == list(services) for r in v.get("requests", ())),
-        )
-
-    def release(self, id: str, requester: str) -> None:
-        """Releases a request, and waits until that takes effect. Raises NotReady."""
-        self.requests.change(lambda a: a.without({(requester, id)}))
-        self.wait("the release", lambda v: all(r["id"] != id for r in v.get("requests", [{"id": id}])))
 
     def usage(self) -> dict[str, Usage]:
         """Use by service."""
