@@ -40,10 +40,9 @@ def at(moment: str) -> Callable[[Callable[[Watch], None]], Callable[[Watch], Non
 
 def check(moment: str, watch: Watch) -> None:
     """Check all invariants of a moment. Raises Violation."""
-    name = ""
-    try:
-        for name, invariant in INVARIANTS.items():
-            if invariant.moment == moment:
+    for name, invariant in INVARIANTS.items():
+        if invariant.moment == moment:
+            try:
                 invariant.holds(watch)
-    except AssertionError as broken:
-        raise Violation(name, str(broken)) from broken
+            except AssertionError as broken:
+                raise Violation(name, str(broken)) from broken
