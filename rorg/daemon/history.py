@@ -76,6 +76,8 @@ class Historian:
         elif tree.loaded and decision.situation.observed.complete:
             self._refused = None
             self._note_revision(decision, memory, tree)
+        elif tree.loaded and self._is_new(tree):
+            self.standing = None  # that of earlier manifests says nothing about these
 
     # -- what outlives the loop --------------------------------------------------------------------------------
 
@@ -112,11 +114,10 @@ class Historian:
         self._refused = last
 
     def _note_revision(self, decision: Decision, memory: Memory, tree: Tree) -> None:
-        seen = (tree.desired, tree.commit)
         if tree.overtaken:
             return  # the next pass has read what belongs to that commit
-        if len(self._seen) != len(seen) or any(a is not b for a, b in zip(self._seen, seen, strict=True)):
-            self._seen = seen
+        if self._is_new(tree):
+            self._seen = (tree.desired, tree.commit)
             self._begin(decision.plan, memory, tree)
         revision = self._revision
         if revision is None:
@@ -126,6 +127,11 @@ class Historian:
         self.standing = verdict = standing(decision, before, self._changed)
         if verdict.code != before.code:
             self._revision = self._settle(revision, verdict)
+
+    def _is_new(self, tree: Tree) -> bool:
+        """Return whether the tree was read after the revision in force was noted."""
+        seen = (tree.desired, tree.commit)
+        return len(self._seen) != len(seen) or any(a is not b for a, b in zip(self._seen, seen, strict=True))
 
     def _note_images(self, decision: Decision, number: int) -> None:
         """Record the images of containers that are as declared, as they appear."""

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from bounded.walks import Walk
+
 
 @dataclass(frozen=True)
 class Defect:
@@ -23,6 +25,8 @@ class Defect:
     steps: int = 2
     path: tuple[tuple[tuple, float], ...] = ()
     """Steps that show it, if a search for them takes long."""
+    walk: Walk | None = None
+    """A walk that shows it, instead of worlds."""
 
 
 PLAN, FRESH = "the plan keeps its rules", "a kept pass decides as a fresh one"

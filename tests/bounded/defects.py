@@ -1,6 +1,6 @@
 """Small defects to plant in a copy of rorg, each of which an invariant must catch: of requests, order and idling.
 
-Those of starts, ends and changes are in defects_of_runs.py.
+Those of starts, ends and changes are in defects_of_runs.py, those of undo in defects_of_undo.py.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ from bounded.defect import (
     Defect,
 )
 from bounded.defects_of_runs import DEFECTS_OF_RUNS
+from bounded.defects_of_undo import DEFECTS_OF_UNDO
 
 __all__ = ["DEFECTS", "Defect"]
 
@@ -215,4 +216,5 @@ DEFECTS = (
         (BOUNDED,),
     ),
     *DEFECTS_OF_RUNS,
+    *DEFECTS_OF_UNDO,
 )

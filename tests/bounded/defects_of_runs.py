@@ -99,8 +99,8 @@ DEFECTS_OF_RUNS = (
     Defect(
         "times of the engine tell which container started last",
         "core/observed.py",
-        'key=lambda c: (c.alive, c.started_at != "", c.start_number, generation(c), c.started_at, c.id),',
-        "key=lambda c: (c.alive, c.started_at, c.id),",
+        'key=lambda c: (c.alive, not c.lost, c.started_at != "", c.start_number, generation(c), c.started_at, c.id),',
+        "key=lambda c: (c.alive, not c.lost, c.started_at, c.id),",
         (REST, EMPTY, BOUNDED, "a bad change leaves what ran", SERVED, BAKE, TRIED),
         path=(REQUEST, (("back",), 0.0), (("spoil", 0), 150.0)),
     ),
@@ -214,8 +214,8 @@ DEFECTS_OF_RUNS = (
     Defect(
         "a rival that is being started does not count",
         "core/situation.py",
-        "flight is not None and flight.action.runs)",
-        "flight is not None and flight.action.runs and flight.action.operation.ends)",
+        "        return flight.action.runs or (",
+        "        return (flight.action.runs and flight.action.operation.ends) or (",
         (RIVALS, TOGETHER),
         2,
         CONFLICT,
@@ -234,8 +234,8 @@ DEFECTS_OF_RUNS = (
     Defect(
         "a paused run is resumed to end beside its rival",
         "core/gates.py",
-        '    if taken:\n        return (), Waiting(service.name, f"stays paused',
-        '    if taken and not service:\n        return (), Waiting(service.name, f"stays paused',
+        '    if taken:\n        why = prefixed("stays paused',
+        '    if taken and not service:\n        why = prefixed("stays paused',
         (RIVALS, TOGETHER),
         2,
         ESCALATES,
@@ -244,8 +244,8 @@ DEFECTS_OF_RUNS = (
     Defect(
         "a paused run that is being stopped is no rival",
         "core/situation.py",
-        "flight is not None and flight.action.runs)",
-        "flight is not None and flight.action.operation.begins)",
+        "        return flight.action.runs or (flight.action.asks_to_end and",
+        "        return flight.action.operation.begins or (flight.action.runs and flight.action.operation.begins and",
         (RIVALS, TOGETHER),
         2,
         ESCALATES,

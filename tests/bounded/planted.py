@@ -14,7 +14,9 @@ from pathlib import Path
 
 from bounded.bounds import slice_of
 from bounded.defects import DEFECTS, Defect
-from bounded.explore import Bound, Explorer, Tally, replay
+from bounded.explore import Bound, Explorer, Found, Tally, replay
+from bounded.walks import Tally as Walked
+from bounded.walks import broken
 from bounded.worlds import World, specs_of
 
 import rorg
@@ -46,10 +48,14 @@ def caught(defect: Defect, folder: Path, seconds: float = 240.0) -> str:
 
 
 def hunt(defect: Defect) -> Tally:
-    """Explore the world of a defect until a promise breaks."""
+    """Walk, or explore the world of a defect, until a promise breaks."""
     world = World(specs_of(defect.features, defect.services), defect.name)
     bound = Bound(defect.services, 0, defect.steps, False, QUICK)
     tally = Tally()
+    if defect.walk:
+        violation = broken(defect.walk, Walked())
+        tally.found += [Found(world, (), violation)] if violation else []
+        return tally
     if defect.path:
         found = replay(world, defect.path)
         tally.found += [found] if found else []

@@ -10,6 +10,9 @@ from bounded.walk_robot import WalkRobot
 from bounded.walk_worlds import Edits
 from bounded.watch import Watch
 
+from rorg.core.standing import GOOD
+from rorg.history.evidence import MOST
+
 
 def walker(watch: Watch) -> WalkRobot | None:
     """The robot, if it is one with a journal."""
@@ -30,6 +33,16 @@ def a_hold_lasts_as_long_as_it_said(watch: Watch) -> None:
     for name, until in robot.held.items() if robot else ():
         held = name in watch.robot.decision.holds
         assert held == (watch.robot.now < until), f"{name} is {'' if held else 'not '}held, {until - watch.robot.now} s"
+
+
+@at("pass")
+def no_bad_revision_is_good(watch: Watch) -> None:
+    """The history never calls manifests good of which a program does not stay well, also for a moment."""
+    if (robot := walker(watch)) is None or (noted := robot.journal.noted) is None:
+        return
+    standing = robot.journal.historian.standing
+    if standing is not None and standing.code == GOOD:
+        assert not bad(robot, noted), f"good, with {bad(robot, noted)}"
 
 
 @at("rest")
@@ -64,6 +77,30 @@ def the_history_trusts_nothing_bad(watch: Watch) -> None:
 def differ(one: Edits, other: Edits, index: int) -> bool:
     """Return whether a service is not the same in both."""
     return (one.editions[index], one.files[index]) != (other.editions[index], other.files[index])
+
+
+@at("rest")
+def what_stalls_has_failed(watch: Watch) -> None:
+    """Manifests with a bad program that rorg has given up, or starts again and again, have failed."""
+    if (robot := walker(watch)) is None or not robot.decision.situation.observed.complete:
+        return
+    newest, edits = next(robot.journal.revisions())
+    stalled = [n for n in bad(robot, edits) if n in watch.services and robot.memory.of(n).stalled]
+    assert not stalled or newest.standing == "failed", f"{newest.standing}, though {stalled} ended again and again"
+
+
+@at("rest")
+def what_was_good_is_a_goal_of_rollback(watch: Watch) -> None:
+    """From failed manifests, a rollback looks at every earlier revision that is good and differs from them."""
+    if (robot := walker(watch)) is None:
+        return
+    (newest, now), *rest = robot.journal.revisions()
+    goals = robot.journal.earlier()
+    if newest.standing != "failed" or sum(not one.doubt for one in goals) >= MOST:
+        return
+    listed = {one.number for one in goals}
+    missing = [r.number for r, edits in rest if r.standing == "good" and edits != now and r.number not in listed]
+    assert not missing, f"no rollback looks at {missing}"
 
 
 @at("rest")

@@ -35,6 +35,8 @@ class Journal:
         self.states: list[Edits] = []
         self.tree = SimpleNamespace()
         """What the loop has read since the last commit."""
+        self.noted: Edits | None = None
+        """What the history was told of last."""
         self.begin()
 
     def begin(self) -> None:
@@ -50,7 +52,7 @@ class Journal:
 
     def note(self) -> None:
         """After a pass, as the loop does."""
-        robot = self.robot
+        robot, self.noted = self.robot, self.states[-1]
         self.historian.note(robot.decision, robot.decision.memory, self.tree, robot.boot)
 
     def commit(self, edits: Edits, desired: Desired) -> None:
@@ -78,7 +80,10 @@ class WalkRobot(WorldRobot):
         desired = world.trees.load(edits)
         assert desired is not None
         super().__init__(desired.catalog)
+        self.boot = "this boot"
         self.world, self.held = world, dict[str, float]()
+        self.downtimes = 0
+        """How often something ended containers while rorg or the engine did not run. More than once is a pattern."""
         self.disturbed = False
         """Whether anything happened that may end a good program."""
         self.standings: dict[int, str] = {}

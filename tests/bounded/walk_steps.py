@@ -33,6 +33,7 @@ WEIGHTS: Mapping[str, int] = {
     **dict.fromkeys(("hold", "hand_stop", "hand_start", "hand_pause", "hand_remove", "bounce"), 3),
     **dict.fromkeys(("freeze", "skip", "stale", "twice", "outage", "back", "ahead", "unplug", "lock"), 2),
     **dict.fromkeys(CALLS, 2),
+    "both": 2,
     "down": 1,
 }
 """Verb -> how often it is drawn."""
@@ -40,7 +41,8 @@ GLOBAL = ("stale", "twice", "reborn", "killed", "outage", "back", "ahead", "roll
 PAIRS = ("ask", "replace")
 CALM = ("request", "lease", "urgent", "ask", "release", "turn", "others", "replace")
 EDITING = ("change", "spoil", "refuse", "always", "file", "spoil_file", "undo", "revert", "rollback", "hold")
-"""Verbs, with those of CALM, that end no good program but for rorg's own calls."""
+HARMLESS = ("reborn", "both", "outage", "twice", "stale", "back", "ahead", "lock")
+"""Verbs, with those of CALM and EDITING, after which no good change counts as failed."""
 
 
 def take(world: WalkWorld, robot: WalkRobot, step: Step) -> bool:
@@ -48,8 +50,9 @@ def take(world: WalkWorld, robot: WalkRobot, step: Step) -> bool:
     verb, *of = step
     if any(n >= len(world.names) for n in of):
         return False
+    robot.downtimes += verb in ("both", "outage")
     done = DOES[verb](robot, *of) if verb in DOES else DO[verb](robot, *(world.names[n] for n in of))
-    robot.disturbed |= done and verb not in (*CALM, *EDITING, "reborn", "twice", "stale", "back", "ahead")
+    robot.disturbed |= (done and verb not in (*CALM, *EDITING, *HARMLESS)) or robot.downtimes > 1
     return bool(done)
 
 
@@ -154,6 +157,11 @@ def killed(robot: WalkRobot) -> bool:
     return reborn(robot)
 
 
+def both(robot: WalkRobot, index: int) -> bool:
+    """Something kills rorg and a container at the same time, as a lack of memory does."""
+    return DO["crash"](robot, robot.world.names[index]) and reborn(robot)
+
+
 def down(robot: WalkRobot) -> bool:
     """Everything is removed; the journal stays."""
     engine = robot.engine
@@ -248,6 +256,7 @@ DOES: Mapping[str, Callable[..., bool]] = {
     "retry": partial(order, "retries"),
     "reborn": reborn,
     "killed": killed,
+    "both": both,
     "down": down,
     "bounce": bounce,
     "crash": crash,

@@ -117,7 +117,8 @@ class Trees:
             for name, file in zip(self.world.names, edits.files, strict=True)
             if name in self.world.files
         }
-        desired = desire(replace(catalog, services=services, fingerprint=repr(edits)), contents=contents)
+        manifests = repr((edits.editions, edits.always))
+        desired = desire(replace(catalog, services=services, fingerprint=manifests), contents=contents)
         for name, edition in zip(self.world.names, edits.editions, strict=True):
             if edition in BAD:
                 self.bad[desired.digests[name]] = {"bad": "exit", "refused": "start"}[edition]
