@@ -166,7 +166,7 @@ NOT_KEPT = (
 
 
 def _kept(robot: DemoRobot) -> list[str]:
-    """What to do with the kept robot, and how to remove all of it."""
+    """Return the commands that look at the kept robot, and those that remove it."""
     images = f"docker image prune --all --filter label={LABEL_BUILDER}={robot.engine.owner}"
     return [
         f"export RORG_STATE_DIR={robot.state.path}",
