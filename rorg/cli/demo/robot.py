@@ -77,7 +77,7 @@ class DemoRobot(ThrowawayRobot):
         return round(min(1.0, by_cpu, by_memory), 2)
 
     def _shell_environment(self) -> dict[str, str]:
-        """That of a person who works on this robot. Variables of rorg could name another one."""
+        """Return the environment of a person who works on this robot, without variables that name another one."""
         programs = self.folder / "bin"
         programs.mkdir()
         rorg = programs / "rorg"

@@ -1,4 +1,4 @@
-"""What runs at one moment and why, and what changed since an earlier moment: the facts that the demo prints."""
+"""Snapshots of the robot: which services run and why, and what changed between two of them."""
 
 from __future__ import annotations
 

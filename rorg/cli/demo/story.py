@@ -14,6 +14,7 @@ from rorg.cli.demo.picture import Bar, picture
 from rorg.cli.demo.robot import DemoRobot
 from rorg.cli.demo.show import Show
 from rorg.cli.demo.stage import Stage, Use
+from rorg.images.order import LABEL_BUILDER
 from rorg.model.units import format_memory
 
 Scene = Callable[[Stage], None]
@@ -165,10 +166,13 @@ NOT_KEPT = (
 
 
 def _kept(robot: DemoRobot) -> list[str]:
+    """Return the commands that look at the kept robot, and those that remove it."""
+    images = f"docker image prune --all --filter label={LABEL_BUILDER}={robot.engine.owner}"
     return [
         f"export RORG_STATE_DIR={robot.state.path}",
         "rorg get              what runs on this robot, which is on a tour",
         "rorg why navigation   who requested it",
         "rorg ui               the same in a browser",
         f"rorg down --yes && rm -r {robot.folder}",
+        *([images] if robot.engine.capabilities.images else []),
     ]
