@@ -120,7 +120,8 @@ def test_the_workflow_tries_all_pythons_and_runs_everything():
     for name in re.findall(r"tests/\w+\.py", commands):
         assert (ROOT / name).exists(), name
     for called in re.findall(r"^make (.*)", commands, re.M):
-        assert {word for word in called.partition("ARGS=")[0].split()} <= targets("Makefile"), called
+        words = {word for word in called.partition("ARGS=")[0].split() if "=" not in word}
+        assert words <= targets("Makefile"), called
 
 
 @pytest.mark.parametrize("path", FORMS, ids=lambda path: path.name)
