@@ -71,6 +71,7 @@ class Checkpoint:
         loops = self.book.tree.bad(self.book.editions)  # what crashes is started again and again
         doing = [str(one) for one in status["plan"]["actions"] if one["service"] not in loops]
         doing += [f"{verb} {name}" for name, verb in status["in_flight"].items() if name not in loops]
+        doing += [f"the lease of {request['id']}" for request in status["requests"] if request["ttl"]]
         waits = [f"{w['service']}: {w['reason']}" for w in status["plan"]["waitings"] if w["service"] not in loops]
         return ", ".join(doing), waits
 
