@@ -23,10 +23,8 @@ function useAnswer(path, key) {
   return answer;
 }
 
-function Chain({ name, service, open }) {
-  const { value, error } = useAnswer(`/v1/services/${encode(name)}/why`, service?.why + service?.state + service?.message);
+function Chain({ why, error, open }) {
   if (error) return html`<p class="refusal">${error}</p>`;
-  const why = value?.[0];
   if (!why) return null;
   return html`
     ${why.chain.length
@@ -40,14 +38,14 @@ function Chain({ name, service, open }) {
       ${why.cautions.map((text) => html`<li key=${text}>Caution: ${text}</li>`)}</ul>`;
 }
 
-function Actions({ name, service }) {
-  const { status, readOnly } = useStore("status");
-  if (readOnly || !service || service.state === "meta") return null;
-  const mine = status.requests.filter((request) => !request.standing && request.services.includes(name));
+function Actions({ name, service, why }) {
+  const { readOnly } = useStore("status");
+  if (readOnly || !why || !service || service.state === "meta") return null;
+  const mine = why.requests.filter((request) => !request.standing); // also those that name a group
   const failed = service.conditions.some((c) => c.type === "Updated" && c.status === "False");
   return html`<div class="buttons">
     ${mine.length
-      ? mine.map((request) => html`<button key=${request.id} onClick=${() => ask.release(request)}>Release ${request.id}</button>`)
+      ? mine.map((request) => html`<button key=${`${request.requester} ${request.id}`} onClick=${() => ask.release(request)}>Release ${request.id}</button>`)
       : html`<button onClick=${() => ask.request(name)}>Request</button>`}
     <button onClick=${() => ask.restart(name)} disabled=${!service.incarnation}>Restart</button>
     ${service.held
@@ -104,10 +102,14 @@ function Configuration({ name, service }) {
 }
 
 export function Drawer({ name, close, open }) {
-  const { services } = useStore("services");
+  const { services, status } = useStore("services", "status");
   const service = services[name];
   const one = mood(service);
   const parts = useGradually(4, 1);
+  const asked = status?.requests.map((request) => `${request.requester} ${request.id}`).join();
+  const key = [service?.why, service?.state, service?.message, service?.wanted, asked].join();
+  const { value, error } = useAnswer(`/v1/services/${encode(name)}/why`, key);
+  const why = value?.[0];
   useEffect(() => {
     const listener = (event) => event.key === "Escape" && !document.querySelector("dialog[open]") && close();
     addEventListener("keydown", listener);
@@ -117,8 +119,8 @@ export function Drawer({ name, close, open }) {
     <div class="head"><h2><span class="shape ${one}" aria-hidden="true">${MOODS[one].shape}</span> ${name}</h2>
       <button onClick=${close} aria-label="Close">×</button></div>
     <p>${MOODS[one].text}${service?.message ? `: ${service.message}` : ""}</p>
-    <${Actions} name=${name} service=${service} />
-    <h3>Why</h3><${Chain} name=${name} service=${service} open=${open} />
+    <${Actions} name=${name} service=${service} why=${why} />
+    <h3>Why</h3><${Chain} why=${why} error=${error} open=${open} />
     ${parts > 1 && html`<h3>What happened</h3><${Transitions} name=${name} />`}
     ${parts > 2 && html`<h3>Log</h3><${Log} name=${name} service=${service} />`}
     ${parts > 3 && html`<h3>Configuration</h3><${Configuration} name=${name} service=${service} />`}

@@ -117,7 +117,7 @@ function Facts() {
       <p>${status.pressure.budget ? `budget ${JSON.stringify(status.pressure.budget)}` : "no budget"};
         ${" "}pressure: ${status.pressure.reason || "none"}</p>
       ${!readOnly && (status.suspended
-        ? html`<button onClick=${() => ask.resume()}>Let rorg go on</button>`
+        ? html`<button onClick=${() => ask.resume()}>End the suspension</button>`
         : html`<button onClick=${() => ask.suspend()}>Suspend rorg</button>`)}
     </section>
     <section aria-labelledby="requests"><h2 id="requests">Requests</h2>

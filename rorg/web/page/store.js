@@ -8,7 +8,7 @@ const EVENTS = 500;
 export const state = {
   services: {},
   status: null,
-  graph: { services: [], edges: [], always_on: [] },
+  graph: { services: [], edges: [] },
   machines: [],
   events: [],
   samples: [],
