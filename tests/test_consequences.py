@@ -167,3 +167,24 @@ def test_while_rorg_is_suspended_everything_waits_and_then_it_goes_on(robot):
     robot.sim.step()
     on = would(robot, lambda asked: replace(asked, suspended=None))
     assert on.effects == {"map": Effect.START}
+
+
+def test_while_the_engine_is_silent_nothing_is_said_to_happen(robot):
+    bring_up(robot, "arm", id="a")
+    robot.sim.faults.unreachable = True
+    robot.sim.step()
+    found = would(robot, requested("map"))
+    assert (found.effects, found.wanted) == ({}, ("map",))
+    assert [(w.service, w.reason) for w in found.waits] == [("map", "the engine does not answer")]
+    gone = would(robot, released("a"))
+    assert (gone.effects, gone.unwanted) == ({}, ("arm",))
+
+
+def test_a_retry_replaces_the_container_once_more(robot):
+    bring_up(robot, "slow", id="s")
+    broken = {**ROBOT, "slow": {**ROBOT["slow"], "command": ["other"], "ready": {"file": "/never", "timeout": "5s"}}}
+    robot.sim.ready_after = {"slow": 1e6}
+    robot.declare(broken, groups={"seeing": {"services": ["detector", "map"]}})
+    robot.wait(lambda: robot.sim.memory.of("slow").update.failed and at_rest(robot), 120)
+    found = would(robot, lambda asked: replace(asked, retries={"slow": stamp(robot.wall())}))
+    assert found.effects == {"slow": Effect.RESTART}

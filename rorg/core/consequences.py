@@ -158,7 +158,7 @@ def _waitings(decision: Decision) -> list[Waiting]:
         reason: Reason = ""
         flight = memory.in_flight.get(name)
         if not situation.observed.complete:
-            reason = str(situation.observed.silence or "the engine has not reported yet what runs")
+            reason = str(situation.observed.silence or situation.observed.error or "the engine has not answered yet")
         elif flight and flight.action.operation.idles:
             reason = f"{flight.action.verb} is under way"
         found += [Waiting(name, reason)] if reason else []

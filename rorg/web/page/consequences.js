@@ -23,6 +23,11 @@ function kept({ service, by, reason }, told) {
   return before ? `${before} ${service}, which ${why}.` : `${service} ${why}.`;
 }
 
+function waits(names, reason, told) {
+  if (names.every((name) => told.unwanted.includes(name))) return `${list(names)}: ${reason}.`;
+  return reason.startsWith("waits ") ? `${list(names)} ${reason}.` : `${verb(names, "waits", "wait")}: ${reason}.`;
+}
+
 /** The sentences of an answer of /v1/preview. */
 export function sentences(told) {
   const out = told.preempted.map((one) => one.service);
@@ -35,7 +40,7 @@ export function sentences(told) {
     ...told.preempted.map((one) => kept(one, told)),
     stays.length ? `${verb(stays, "is", "are")} wanted from now on, and ${stays.length > 1 ? "stay as they are" : "stays as it is"}.` : "",
     told.unwanted.length ? `No longer wanted: ${list(told.unwanted)}.` : "",
-    ...grouped(told.waits, (one) => one.reason).map((same) => `${verb(same.map((one) => one.service), "waits", "wait")}: ${same[0].reason}.`),
+    ...grouped(told.waits, (one) => one.reason).map((same) => waits(same.map((one) => one.service), same[0].reason, told)),
   ].filter(Boolean);
   return lines.length ? lines : ["Nothing changes now."];
 }

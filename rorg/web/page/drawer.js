@@ -1,7 +1,7 @@
 // One service: why it runs or not, what it may do next, its last events and lines, and what its container is made from.
 
 import { html, useEffect, useState } from "/page/vendor/preact.js";
-import { call, clock, encode, MOODS, mood, useGradually, useStore } from "/page/store.js";
+import { call, clock, encode, MOODS, mood, sentence, useGradually, useStore } from "/page/store.js";
 import { ask } from "/page/actions.js";
 
 const LINES = 60;
@@ -32,7 +32,7 @@ function Chain({ why, error, open }) {
           (link) => html`<li key=${link.service}><button class="link" onClick=${() => open(link.service)}>${link.text}</button></li>`,
         )}</ol>`
       : html`<p>Nothing active wants it.${why.needed_by.length ? ` These would need it: ${why.needed_by.join(", ")}.` : ""}</p>`}
-    <ul>${why.waits.map((text) => html`<li key=${text}>It waits: ${text}</li>`)}
+    <ul>${why.waits.map((text) => html`<li key=${text}>${/^waits /.test(text) ? "It " : /^not (ready|wanted)/.test(text) ? "It is " : ""}${text}</li>`)}
       ${why.rivals.map((rival) => html`<li key=${rival.service}><button class="link" onClick=${() => open(rival.service)}>${rival.text}</button> is active</li>`)}
       ${why.remedies.map((command) => html`<li key=${command}>To let it in: <code>${command}</code></li>`)}
       ${why.cautions.map((text) => html`<li key=${text}>Caution: ${text}</li>`)}</ul>`;
@@ -47,7 +47,7 @@ function Actions({ name, service, why }) {
     ${mine.length
       ? mine.map((request) => html`<button key=${`${request.requester} ${request.id}`} onClick=${() => ask.release(request)}>Release ${request.id}</button>`)
       : html`<button onClick=${() => ask.request(name)}>Request</button>`}
-    <button onClick=${() => ask.restart(name)} disabled=${!service.incarnation}>Restart</button>
+    <button onClick=${() => ask.restart(name)} disabled=${!service.wanted}>Restart</button>
     ${service.held
       ? html`<button onClick=${() => ask.unhold(name)}>End the hold</button>`
       : html`<button onClick=${() => ask.hold(name)}>Hold</button>`}
@@ -118,7 +118,7 @@ export function Drawer({ name, close, open }) {
   return html`<aside class="drawer" aria-label="Service ${name}">
     <div class="head"><h2><span class="shape ${one}" aria-hidden="true">${MOODS[one].shape}</span> ${name}</h2>
       <button onClick=${close} aria-label="Close">×</button></div>
-    <p>${MOODS[one].text}${service?.message ? `: ${service.message}` : ""}</p>
+    <p>${sentence(service)}</p>
     <${Actions} name=${name} service=${service} why=${why} />
     <h3>Why</h3><${Chain} why=${why} error=${error} open=${open} />
     ${parts > 1 && html`<h3>What happened</h3><${Transitions} name=${name} />`}
