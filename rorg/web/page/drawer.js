@@ -57,10 +57,10 @@ function Actions({ name, service, why }) {
 
 function Transitions({ name }) {
   const { events } = useStore("events");
-  const about = events.filter((event) => event.service === name).slice(-EVENTS).reverse();
   const older = useAnswer(`/v1/events?tail=${EVENTS}&service=${encode(name)}`, "");
   const past = typeof older.value === "string" ? older.value.split("\n").filter(Boolean).map((line) => JSON.parse(line)) : [];
-  const shown = about.length ? about : past.reverse();
+  const all = [...past, ...events.filter((event) => event.service === name)];
+  const shown = [...new Map(all.map((event) => [event.seq, event])).values()].slice(-EVENTS).reverse();
   return html`<ul class="events">${shown.map(
     (event) => html`<li key=${event.seq}><time datetime=${event.at}>${clock(event.at)}</time> ${event.message}</li>`,
   )}</ul>`;
@@ -72,8 +72,10 @@ function Log({ name, service }) {
   const lines = typeof value === "string" ? value.split("\n").filter(Boolean).map((line) => JSON.parse(line)) : [value ?? {}];
   const text = lines.map((line) => line.text ?? line.error ?? "");
   return html`<button onClick=${() => setTurn(turn + 1)}>Read again</button>
-    ${error && html`<p class="refusal">${error}</p>`}
-    <pre class="log" tabindex="0" role="region" aria-label="Last lines of ${name}">${text.join("") || "It has printed nothing."}</pre>`;
+    ${error
+      ? html`<p class="refusal">${error}</p>`
+      : html`<pre class="log" tabindex="0" role="region" aria-label="Last lines of ${name}">${
+          value === null ? "Reading." : text.join("") || "It has printed nothing."}</pre>`}`;
 }
 
 /** What declares a field, or its parts; each once. */

@@ -159,7 +159,7 @@ function Lane({ name, spans, range, width, open }) {
         kind: span.failed ? "failing" : STATES[span.state],
         begin: ms(span.begin),
         end: span.end ? ms(span.end) : null,
-        text: `${name} ${span.state} from ${clock(span.begin)}${span.end ? ` to ${clock(span.end)}` : ""}: ${span.why}`,
+        text: `${name} ${span.state} from ${clock(span.begin)}${span.end ? ` to ${clock(span.end)}` : ""}${span.why && `: ${span.why}`}`,
       })),
     [spans],
   );

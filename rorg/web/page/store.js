@@ -181,8 +181,11 @@ export function sentence(service) {
   return MOODS[one].text + idle + (onTrial(service) ? ", on trial" : "") + (more && (one === "ready" ? "; " : ": ") + more);
 }
 
-/** What is said of a service or a thing that waits. A reason may begin with a verb of its own. */
-export const waiting = (who, reason) => (reason.startsWith("waits ") ? `${who} ${reason}` : `${who}: ${reason}`);
+/** What is said of a service or a thing that waits. A reason may begin with a verb of its own, or name the engine. */
+export function waiting(who, reason) {
+  if (who === "engine") return reason;
+  return reason.startsWith("waits ") ? `${who} ${reason}` : `${who}: ${reason}`;
+}
 
 export const MOODS = {
   ready: { shape: "●", text: "ready" },
