@@ -284,6 +284,41 @@ def test_a_service_requests_for_itself_and_within_its_manifest(robot, client):
     robot.wait(lambda: [r["id"] for r in client.requests()] == ["run"])
 
 
+def preview(client: Client, operation: str, *services: str, **more: str) -> dict:
+    return client.call("POST", "/v1/preview", {"operation": operation, "services": list(services), **more})
+
+
+def test_a_preview_is_refused_to_whom_the_operation_is(robot, client):
+    client.request("behaviour", id="run", wait=20, ttl=None)
+    own = robot.client("behaviour")
+    assert preview(own, "request", "seeing")["starts"] == ["camera"]
+    for operation, names in (("request", ["lidar"]), ("restart", ["camera"]), ("hold", ["camera"]), ("suspend", [])):
+        with pytest.raises(Forbidden):
+            preview(own, operation, *names)
+    with pytest.raises(Forbidden, match="only request for itself"):
+        own.call("POST", "/v1/preview?requester=developer", {"operation": "release", "id": "run"})
+    assert [one["service"] for one in preview(client, "hold", "behaviour")["preempted"]] == ["behaviour"]
+
+
+def test_a_preview_is_refused_for_the_same_reasons_and_changes_nothing(robot, client):
+    client.request("lidar", id="first", ttl=None, wait=20)
+    with pytest.raises(Refused, match="conflict"):
+        preview(client, "request", "arm")
+    with pytest.raises(Refused, match="it is not wanted"):
+        preview(client, "restart", "camera")
+    with pytest.raises(Refused, match="no change of it failed"):
+        preview(client, "retry", "camera")
+    with pytest.raises(Invalid, match="none is named"):
+        preview(client, "hold")
+    assert preview(client, "release", id="first")["unwanted"] == ["lidar"]
+    client.release("first")
+    client.request("arm", id="move", ttl=None, wait=20)
+    found = preview(client, "release", id="move")
+    assert (found["confirm"], found["confirm_reason"]) == (["arm"], "arm moves hardware")
+    assert [r["id"] for r in client.requests()] == ["move"]
+    assert client.service("arm")["wanted"]
+
+
 def test_raw_bytes_neither_stop_nor_slow_the_loop(robot, client):
     dice = random.Random(7)
     held = []

@@ -103,6 +103,13 @@ def test_an_answer_has_the_fields_that_are_documented_and_no_others(robot, path)
         assert answer.body.startswith(b"apiVersion")
 
 
+@pytest.mark.parametrize("operation", ["request", "release", "restart", "hold", "unhold", "suspend", "unsuspend"])
+def test_a_preview_has_the_fields_that_are_documented(robot, operation):
+    named = [] if operation in ("release", "suspend", "unsuspend") else ["roscore"]
+    answer = robot.client().call("POST", "/v1/preview", {"operation": operation, "services": named, "id": "planner"})
+    hold_to(schema_of(STRICT["paths"]["/v1/preview"]["post"], 200, "application/json"), answer)
+
+
 def test_all_that_is_kept_of_a_run_is_documented():
     every = {"edition": "e", "drawn": "d", "held": "h", "proven": "p", "baked": "b", "run": "r"}
     update = Update(**every, quarantined={"e": "why"}, content={"/a": "b"})

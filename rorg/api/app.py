@@ -29,6 +29,7 @@ from rorg.api.manifests import add_manifests
 from rorg.api.metrics import add_metrics
 from rorg.api.models import Problem
 from rorg.api.operations import Operations
+from rorg.api.preview import add_previewing
 from rorg.api.problems import answer, problem
 from rorg.api.read_routes import add_reading
 from rorg.api.request_routes import add_requesting
@@ -71,6 +72,7 @@ def make_app(operations: Operations) -> FastAPI:
     add_logs(app, operations)
     add_manifests(app, operations)
     add_diffing(app, operations)
+    add_previewing(app, operations)
     add_history(app, operations)
     add_metrics(app, operations)
     add_ros2(app, operations)

@@ -19,6 +19,7 @@ THREADS = (
     "/metrics",
     "/v1/manifests",
     "/v1/diff",
+    "/v1/preview",
     "/v1/usage",
     "/v1/listeners",
     "/v1/connections",

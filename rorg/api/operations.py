@@ -17,6 +17,7 @@ from rorg.api.permissions import Caller, allow_request
 from rorg.api.readiness import Question, Readiness, readiness
 from rorg.core.decide import Decision, preview
 from rorg.core.desired import Desired
+from rorg.core.inputs import Inputs
 from rorg.core.observed import Container
 from rorg.core.status import Status, Statuses
 from rorg.daemon.loop import Loop
@@ -158,6 +159,12 @@ class Operations:
         decision, inputs = self.decision, self._loop.inputs
         assert inputs is not None, "there is one with each decision"
         return preview(inputs, decision.memory, desired)
+
+    def inputs_now(self) -> Inputs:
+        """What a pass would read now, as far as the last one knows."""
+        decision, inputs = self.decision, self._loop.inputs
+        assert inputs is not None, "there is one with each decision"
+        return replace(inputs, memory=decision.memory, now=self._loop.clock(), wall=self._loop.wall())
 
     def readiness(self, question: Question) -> Readiness:
         """How far the services of a question, and all that they need, are."""

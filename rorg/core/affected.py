@@ -46,7 +46,7 @@ def by_restart(situation: Situation, memory: Memory, names: Collection[str]) -> 
     """Return what a restart of these services affects: services restarted with them, transitively, and drivers that
     only those request. A request ends with the run that sent it."""
     services = situation.desired.catalog.services
-    restarted = _dependants({n: s.restarts_with for n, s in services.items()}, names)
+    restarted = dependants({n: s.restarts_with for n, s in services.items()}, names)
     left = [r for r in memory.admitted.requests if r.requester not in restarted or r.standing or r.incarnation is None]
     return _affected(situation, names, restarted, _still_wanted(situation, memory, left))
 
@@ -54,7 +54,7 @@ def by_restart(situation: Situation, memory: Memory, names: Collection[str]) -> 
 def by_hold(situation: Situation, memory: Memory, names: Collection[str]) -> Affected:
     """Return what a hold of these services affects: services that need them, transitively, and drivers that only those
     request."""
-    ceased = _dependants({n: s.needs for n, s in situation.desired.catalog.services.items()}, names)
+    ceased = dependants({n: s.needs for n, s in situation.desired.catalog.services.items()}, names)
     return _affected(situation, names, ceased, _still_wanted(situation, memory, memory.admitted.requests, names))
 
 
@@ -81,14 +81,14 @@ def by_release(situation: Situation, memory: Memory, key: tuple[str, str]) -> Af
     return Affected(tuple(sorted(stopping)), {}, (asked.requester,) if loses else ())
 
 
-def _dependants(counts_on: Mapping[str, Collection[str]], names: Collection[str]) -> set[str]:
+def dependants(counts_on: Mapping[str, Collection[str]], names: Collection[str]) -> set[str]:
     """Return these services and everything that depends on one of them, transitively."""
     affected, pending = set(names), list(names)
     while pending:
         name = pending.pop()
-        dependants = [n for n, needs in counts_on.items() if name in needs and n not in affected]
-        affected.update(dependants)
-        pending += dependants
+        more = [n for n, needs in counts_on.items() if name in needs and n not in affected]
+        affected.update(more)
+        pending += more
     return affected
 
 

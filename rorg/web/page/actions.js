@@ -1,78 +1,39 @@
-// What a person does: each action first shows what it would change, then asks, and shows a refusal with its cause.
+// What a person does. Each action first shows what rorg says it would change, then asks, and shows a refusal with its
+// cause.
 
 import { html, useEffect, useRef, useState } from "/page/vendor/preact.js";
-import { call, encode, mood, state } from "/page/store.js";
+import { call, encode, useStore } from "/page/store.js";
+import { sentences } from "/page/consequences.js";
+
+const AGAIN = 500;
 
 let show = () => {};
 
-/** Everything that these services need, with themselves. */
-function needed(names) {
-  const found = new Set();
-  const pending = [...names];
-  while (pending.length) {
-    const name = pending.pop();
-    if (found.has(name)) continue;
-    found.add(name);
-    for (const edge of state.graph.edges) if (edge.from === name && edge.kind === "needs") pending.push(edge.to);
-  }
-  return found;
-}
-
-/** Active services that need this one, directly or through others. */
-function relying(name) {
-  const found = new Set();
-  const pending = [name];
-  while (pending.length) {
-    const one = pending.pop();
-    for (const edge of state.graph.edges)
-      if (edge.to === one && edge.kind === "needs" && state.services[edge.from]?.wanted && !found.has(edge.from)) {
-        found.add(edge.from);
-        pending.push(edge.from);
-      }
-  }
-  return [...found].sort();
-}
-
-/** Wanted services that nothing would want without this request. */
-function unwanted(request) {
-  const others = state.status.requests.filter((r) => !(r.id === request.id && r.requester === request.requester));
-  const still = needed(state.graph.always_on);
-  let before = -1;
-  while (before !== still.size) {
-    before = still.size;
-    const asked = others.filter((r) => state.services[r.requester]?.state === "meta" || still.has(r.requester));
-    for (const name of needed(asked.flatMap((r) => r.services))) still.add(name);
-  }
-  return [...needed(request.services)].filter((name) => state.services[name]?.wanted && !still.has(name)).sort();
-}
-
-const list = (names, otherwise) => (names.length ? names.join(", ") : otherwise);
-
-/** The actions. Each opens the dialog with its plan. */
+/** The actions. Each opens the dialog. `preview` is the question to rorg; `about` is what holds in any case. */
 export const ask = {
   request(name) {
-    const starting = [...needed([name])].filter((one) => mood(state.services[one]) !== "ready").sort();
     show({
       title: `Request ${name}`,
-      plan: [`Starts: ${list(starting, "nothing, all of it runs already")}.`, "It stays until you release it."],
+      preview: { operation: "request", services: [name], id: name },
+      about: "It stays until you release it.",
       fields: [["reason", "Reason", ""]],
       verb: "Request",
       run: ({ reason }) => call("PUT", `/v1/requests/${encode(name)}`, { services: [name], reason }),
     });
   },
-  release(request) {
+  release({ id, requester }) {
     show({
-      title: `Release ${request.id}`,
-      plan: [`No longer wanted: ${list(unwanted(request), "nothing, all of it is wanted for other reasons")}.`],
+      title: `Release ${id}`,
+      preview: { operation: "release", id },
+      requester,
       verb: "Release",
-      run: (_, force) =>
-        call("DELETE", `/v1/requests/${encode(request.id)}?requester=${encode(request.requester)}&force=${force}`),
+      run: (_, force) => call("DELETE", `/v1/requests/${encode(id)}?requester=${encode(requester)}&force=${force}`),
     });
   },
   restart(name) {
     show({
       title: `Restart ${name}`,
-      plan: [`Stops and starts ${name}.`, `These need it: ${list(relying(name), "nothing that is active")}.`],
+      preview: { operation: "restart", services: [name] },
       verb: "Restart",
       run: (_, force) => call("POST", `/v1/services/${encode(name)}/restart?force=${force}`),
     });
@@ -80,10 +41,8 @@ export const ask = {
   hold(name) {
     show({
       title: `Hold ${name}`,
-      plan: [
-        `Stops or pauses ${name}, as its idle policy says, and keeps it from being active for so long, even if it is requested.`,
-        `These need it and go with it: ${list(relying(name), "nothing that is active")}.`,
-      ],
+      preview: { operation: "hold", services: [name] },
+      about: `Keeps ${name} from being active for so long, even if it is requested.`,
       fields: [["minutes", "Minutes", "10"], ["reason", "Reason", ""]],
       verb: "Hold",
       run: ({ minutes, reason }, force) =>
@@ -93,7 +52,7 @@ export const ask = {
   unhold(name) {
     show({
       title: `End the hold of ${name}`,
-      plan: [`${name} is active again as soon as something wants it.`],
+      preview: { operation: "unhold", services: [name] },
       verb: "End the hold",
       run: () => call("DELETE", `/v1/holds/${encode(name)}`),
     });
@@ -101,7 +60,8 @@ export const ask = {
   suspend() {
     show({
       title: "Suspend rorg",
-      plan: ["rorg changes nothing for so long. What runs goes on."],
+      preview: { operation: "suspend" },
+      about: "rorg starts and stops nothing for so long, and restarts nothing that fails.",
       fields: [["minutes", "Minutes", "10"], ["reason", "Reason", ""]],
       verb: "Suspend",
       run: ({ minutes, reason }) => call("PUT", "/v1/suspension", { duration: `${minutes}m`, reason }),
@@ -109,21 +69,54 @@ export const ask = {
   },
   resume() {
     show({
-      title: "Let rorg go on",
-      plan: [`It then does what it waits for: ${list(state.status.plan.actions.map((a) => `${a.verb} ${a.service}`), "nothing")}.`],
-      verb: "Go on",
+      title: "End the suspension",
+      preview: { operation: "unsuspend" },
+      verb: "End the suspension",
       run: () => call("DELETE", "/v1/suspension"),
     });
   },
   retry(name) {
     show({
-      title: `Try the change of ${name} again`,
-      plan: [`Replaces ${name} by its last change, and goes back if that fails again.`],
+      title: `Retry the change of ${name}`,
+      preview: { operation: "retry", services: [name] },
+      about: "If the change fails again, rorg goes back to the previous container.",
       verb: "Retry",
       run: (_, force) => call("POST", "/v1/retries", { services: [name], force }),
     });
   },
 };
+
+/** What rorg says that an action would change; asked again whenever a service changes. */
+function usePreview(asked) {
+  const { services } = useStore("services");
+  const [answer, setAnswer] = useState({});
+  const known = answer.asked === asked ? answer : {};
+  useEffect(() => {
+    if (!asked) return undefined;
+    let current = true;
+    const path = "/v1/preview" + (asked.requester ? `?requester=${encode(asked.requester)}` : "");
+    const timer = setTimeout(
+      () =>
+        call("POST", path, asked.preview).then(
+          (told) => current && setAnswer({ asked, told }),
+          (error) => current && setAnswer({ asked, error }),
+        ),
+      known.asked ? AGAIN : 0,
+    );
+    return () => {
+      current = false;
+      clearTimeout(timer);
+    };
+  }, [asked, services]);
+  return known;
+}
+
+function Preview({ told, error }) {
+  if (error) return html`<p class="refusal">${error.message}</p>`;
+  if (!told) return html`<p class="quiet">Asking rorg.</p>`;
+  return html`${sentences(told).map((line) => html`<p key=${line}>${line}</p>`)}
+    ${told.confirm.length > 0 && html`<p class="refusal">Affected: <b>${told.confirm.join(", ")}</b>. ${told.confirm_reason}.</p>`}`;
+}
 
 /** The dialog of the action that was chosen last. */
 export function Asking() {
@@ -131,6 +124,7 @@ export function Asking() {
   const [values, setValues] = useState({});
   const [refusal, setRefusal] = useState(null);
   const [busy, setBusy] = useState(false);
+  const preview = usePreview(asked);
   const dialog = useRef(null);
   show = (action) => {
     setValues(Object.fromEntries((action.fields ?? []).map(([name, , value]) => [name, value])));
@@ -141,12 +135,17 @@ export function Asking() {
     if (asked && !dialog.current.open) dialog.current.showModal();
     if (!asked && dialog.current.open) dialog.current.close();
   }, [asked]);
-  const confirmed = Boolean(refusal?.confirm.length);
+  // A person confirms the services that are shown, and no others.
+  const shown = [...(preview.told?.confirm ?? []), ...(refusal?.confirm ?? [])];
+  const confirmed = shown.length > 0;
   const submit = async (event) => {
     event.preventDefault();
     setBusy(true);
     try {
-      await asked.run(values, confirmed);
+      await asked.run(values, false).catch((error) => {
+        if (!error.confirm?.length || error.confirm.some((name) => !shown.includes(name))) throw error;
+        return asked.run(values, true);
+      });
       setAsked(null);
     } catch (error) {
       setRefusal(error);
@@ -156,11 +155,12 @@ export function Asking() {
   return html`<dialog ref=${dialog} aria-labelledby="asked" onClose=${() => setAsked(null)}>
     ${asked && html`<form onSubmit=${submit}>
       <h2 id="asked">${asked.title}</h2>
-      ${asked.plan.map((line) => html`<p key=${line}>${line}</p>`)}
+      <div class="preview" aria-live="polite"><${Preview} ...${preview} /></div>
+      ${asked.about && html`<p>${asked.about}</p>`}
       ${asked.fields?.map(([name, title]) => html`<label key=${name}>${title}
         <input name=${name} value=${values[name]} onInput=${(e) => setValues({ ...values, [name]: e.target.value })} /></label>`)}
       ${refusal && html`<p class="refusal" role="alert">${refusal.message}
-        ${confirmed && html`<br />Affected: <b>${refusal.confirm.join(", ")}</b>`}</p>`}
+        ${refusal.confirm.length > 0 && html`<br />Affected: <b>${refusal.confirm.join(", ")}</b>`}</p>`}
       <div class="buttons">
         <button type="button" onClick=${() => setAsked(null)}>Cancel</button>
         <button class="primary" disabled=${busy}>${confirmed ? `${asked.verb} all the same` : asked.verb}</button>

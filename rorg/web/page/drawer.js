@@ -1,7 +1,7 @@
 // One service: why it runs or not, what it may do next, its last events and lines, and what its container is made from.
 
 import { html, useEffect, useState } from "/page/vendor/preact.js";
-import { call, clock, encode, MOODS, mood, useGradually, useStore } from "/page/store.js";
+import { call, clock, encode, MOODS, mood, sentence, useGradually, useStore } from "/page/store.js";
 import { ask } from "/page/actions.js";
 
 const LINES = 60;
@@ -23,10 +23,8 @@ function useAnswer(path, key) {
   return answer;
 }
 
-function Chain({ name, service, open }) {
-  const { value, error } = useAnswer(`/v1/services/${encode(name)}/why`, service?.why + service?.state + service?.message);
+function Chain({ why, error, open }) {
   if (error) return html`<p class="refusal">${error}</p>`;
-  const why = value?.[0];
   if (!why) return null;
   return html`
     ${why.chain.length
@@ -34,22 +32,22 @@ function Chain({ name, service, open }) {
           (link) => html`<li key=${link.service}><button class="link" onClick=${() => open(link.service)}>${link.text}</button></li>`,
         )}</ol>`
       : html`<p>Nothing active wants it.${why.needed_by.length ? ` These would need it: ${why.needed_by.join(", ")}.` : ""}</p>`}
-    <ul>${why.waits.map((text) => html`<li key=${text}>It waits: ${text}</li>`)}
+    <ul>${why.waits.map((text) => html`<li key=${text}>${/^waits /.test(text) ? "It " : /^not (ready|wanted)/.test(text) ? "It is " : ""}${text}</li>`)}
       ${why.rivals.map((rival) => html`<li key=${rival.service}><button class="link" onClick=${() => open(rival.service)}>${rival.text}</button> is active</li>`)}
       ${why.remedies.map((command) => html`<li key=${command}>To let it in: <code>${command}</code></li>`)}
       ${why.cautions.map((text) => html`<li key=${text}>Caution: ${text}</li>`)}</ul>`;
 }
 
-function Actions({ name, service }) {
-  const { status, readOnly } = useStore("status");
-  if (readOnly || !service || service.state === "meta") return null;
-  const mine = status.requests.filter((request) => !request.standing && request.services.includes(name));
+function Actions({ name, service, why }) {
+  const { readOnly } = useStore("status");
+  if (readOnly || !why || !service || service.state === "meta") return null;
+  const mine = why.requests.filter((request) => !request.standing); // also those that name a group
   const failed = service.conditions.some((c) => c.type === "Updated" && c.status === "False");
   return html`<div class="buttons">
     ${mine.length
-      ? mine.map((request) => html`<button key=${request.id} onClick=${() => ask.release(request)}>Release ${request.id}</button>`)
+      ? mine.map((request) => html`<button key=${`${request.requester} ${request.id}`} onClick=${() => ask.release(request)}>Release ${request.id}</button>`)
       : html`<button onClick=${() => ask.request(name)}>Request</button>`}
-    <button onClick=${() => ask.restart(name)} disabled=${!service.incarnation}>Restart</button>
+    <button onClick=${() => ask.restart(name)} disabled=${!service.wanted}>Restart</button>
     ${service.held
       ? html`<button onClick=${() => ask.unhold(name)}>End the hold</button>`
       : html`<button onClick=${() => ask.hold(name)}>Hold</button>`}
@@ -59,10 +57,10 @@ function Actions({ name, service }) {
 
 function Transitions({ name }) {
   const { events } = useStore("events");
-  const about = events.filter((event) => event.service === name).slice(-EVENTS).reverse();
   const older = useAnswer(`/v1/events?tail=${EVENTS}&service=${encode(name)}`, "");
   const past = typeof older.value === "string" ? older.value.split("\n").filter(Boolean).map((line) => JSON.parse(line)) : [];
-  const shown = about.length ? about : past.reverse();
+  const all = [...past, ...events.filter((event) => event.service === name)];
+  const shown = [...new Map(all.map((event) => [event.seq, event])).values()].slice(-EVENTS).reverse();
   return html`<ul class="events">${shown.map(
     (event) => html`<li key=${event.seq}><time datetime=${event.at}>${clock(event.at)}</time> ${event.message}</li>`,
   )}</ul>`;
@@ -74,8 +72,10 @@ function Log({ name, service }) {
   const lines = typeof value === "string" ? value.split("\n").filter(Boolean).map((line) => JSON.parse(line)) : [value ?? {}];
   const text = lines.map((line) => line.text ?? line.error ?? "");
   return html`<button onClick=${() => setTurn(turn + 1)}>Read again</button>
-    ${error && html`<p class="refusal">${error}</p>`}
-    <pre class="log" tabindex="0" role="region" aria-label="Last lines of ${name}">${text.join("") || "It has printed nothing."}</pre>`;
+    ${error
+      ? html`<p class="refusal">${error}</p>`
+      : html`<pre class="log" tabindex="0" role="region" aria-label="Last lines of ${name}">${
+          value === null ? "Reading." : text.join("") || "It has printed nothing."}</pre>`}`;
 }
 
 /** What declares a field, or its parts; each once. */
@@ -104,10 +104,14 @@ function Configuration({ name, service }) {
 }
 
 export function Drawer({ name, close, open }) {
-  const { services } = useStore("services");
+  const { services, status } = useStore("services", "status");
   const service = services[name];
   const one = mood(service);
   const parts = useGradually(4, 1);
+  const asked = status?.requests.map((request) => `${request.requester} ${request.id}`).join();
+  const key = [service?.why, service?.state, service?.message, service?.wanted, asked].join();
+  const { value, error } = useAnswer(`/v1/services/${encode(name)}/why`, key);
+  const why = value?.[0];
   useEffect(() => {
     const listener = (event) => event.key === "Escape" && !document.querySelector("dialog[open]") && close();
     addEventListener("keydown", listener);
@@ -116,9 +120,9 @@ export function Drawer({ name, close, open }) {
   return html`<aside class="drawer" aria-label="Service ${name}">
     <div class="head"><h2><span class="shape ${one}" aria-hidden="true">${MOODS[one].shape}</span> ${name}</h2>
       <button onClick=${close} aria-label="Close">×</button></div>
-    <p>${MOODS[one].text}${service?.message ? `: ${service.message}` : ""}</p>
-    <${Actions} name=${name} service=${service} />
-    <h3>Why</h3><${Chain} name=${name} service=${service} open=${open} />
+    <p>${sentence(service)}</p>
+    <${Actions} name=${name} service=${service} why=${why} />
+    <h3>Why</h3><${Chain} why=${why} error=${error} open=${open} />
     ${parts > 1 && html`<h3>What happened</h3><${Transitions} name=${name} />`}
     ${parts > 2 && html`<h3>Log</h3><${Log} name=${name} service=${service} />`}
     ${parts > 3 && html`<h3>Configuration</h3><${Configuration} name=${name} service=${service} />`}

@@ -9,6 +9,7 @@ const SINGLE = 40;
 const RECORDS = 5000;
 const ROW = 24;
 const SHOWN = 30;
+const ROWS = 12;
 const LABEL = 150;
 const RANGES = [["5 min", 300], ["30 min", 1800], ["3 h", 10800], ["24 h", 86400]];
 const STATES = { ready: "ready", running: "starting", restarting: "failing", paused: "idle", inactive: "idle",
@@ -158,7 +159,7 @@ function Lane({ name, spans, range, width, open }) {
         kind: span.failed ? "failing" : STATES[span.state],
         begin: ms(span.begin),
         end: span.end ? ms(span.end) : null,
-        text: `${name} ${span.state} from ${clock(span.begin)}${span.end ? ` to ${clock(span.end)}` : ""}: ${span.why}`,
+        text: `${name} ${span.state} from ${clock(span.begin)}${span.end ? ` to ${clock(span.end)}` : ""}${span.why && `: ${span.why}`}`,
       })),
     [spans],
   );
@@ -188,8 +189,9 @@ function Requests({ requests, range, width }) {
   const rows = useMemo(() => rowsOf(requests), [requests]);
   const seen = rows.filter((row) => row.spans.some((span) => span.begin < range.end && (span.end ?? range.end) > range.begin));
   return html`<div role="table" aria-label="Requests" class="lanes">
-    ${seen.slice(-12).map((row) => html`<${Row} key=${row.key} title=${row.key} spans=${row.spans} range=${range} width=${width}
+    ${seen.slice(-ROWS).map((row) => html`<${Row} key=${row.key} title=${row.key} spans=${row.spans} range=${range} width=${width}
       label=${row.key} name=${html`${row.what} <span class="quiet">${row.requester}</span>`} />`)}
+    ${seen.length > ROWS && html`<p class="quiet" role="row"><span role="cell">${seen.length - ROWS} more, made before these</span></p>`}
     ${!seen.length && html`<p class="quiet" role="row"><span role="cell">No requests in this time.</span></p>`}
   </div>`;
 }

@@ -50,12 +50,12 @@ function Troubles() {
   if (lost) told.push(["lost", lost]);
   if (status) {
     if (status.engine.error) told.push(["engine", status.engine.error]);
-    if (status.down) told.push(["down", `The robot is taken down (${status.down}).`]);
-    if (status.suspended) told.push(["suspended", `rorg is suspended: ${status.suspended}`]);
+    if (status.down) told.push(["down", status.down === "down" ? "The robot is down. `rorg up` brings it up." : "The robot is being taken down."]);
+    if (status.suspended) told.push(["suspended", `rorg is ${status.suspended}`]);
     for (const error of status.tree.errors.slice(0, 5))
       told.push(["refused", `Refused: ${error.file}:${error.line}:${error.column}: ${error.message}`]);
     if (status.pressure.reason)
-      told.push(["pressure", `${status.pressure.reason}: ${status.pressure.measures.join(", ") || "no measure helps"}`]);
+      told.push(["pressure", `${status.pressure.reason}: ${status.pressure.measures.join(", ") || (status.pressure.helpless ? "no measure helps" : "no measure yet")}`]);
     for (const [name, why] of Object.entries(status.withheld)) told.push(["withheld", `${name} stays: ${why}`]);
     for (const error of status.requests_errors) told.push(["requests", error]);
   }

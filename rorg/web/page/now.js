@@ -1,7 +1,7 @@
 // What runs now: the graph of needs and requests, a table of services, and what the machine is busy with.
 
 import { Component, html, useEffect, useMemo, useState } from "/page/vendor/preact.js";
-import { bytes, call, MOODS, mood, seconds, usage, useGradually, useStore } from "/page/store.js";
+import { about, bytes, call, MOODS, mood, seconds, usage, useGradually, useStore, waiting } from "/page/store.js";
 import { ask } from "/page/actions.js";
 import { Graph } from "/page/graph.js";
 
@@ -11,7 +11,7 @@ const COLUMNS = [
   ["state", "State", (row) => ORDER.indexOf(row.mood)],
   ["cpu", "CPU", (row) => -(row.use?.cpu ?? -1)],
   ["memory", "Memory", (row) => -(row.use?.memory ?? -1)],
-  ["restarts", "Restarts", (row) => -row.service.crashes],
+  ["crashes", "Crashes", (row) => -row.service.crashes],
   ["why", "Why", (row) => row.service.why],
 ];
 
@@ -23,6 +23,7 @@ class Row extends Component {
 
   render({ service, cpu, memory, open }) {
     const one = mood(service);
+    const more = about(service);
     return html`<tr class=${one}>
       <th scope="row"><button class="link" onClick=${() => open(service.service)}>${service.service}</button>
         ${service.machine && html`<span class="quiet">@${service.machine}</span>`}</th>
@@ -30,13 +31,14 @@ class Row extends Component {
       <td class="number">${cpu}</td>
       <td class="number">${memory}</td>
       <td class="number">${service.crashes || ""}</td>
-      <td class="why">${service.why}${service.message && html` <span class="message">${service.message}</span>`}</td>
+      <td class="why">${service.why}${service.why && more && "; "}<span class=${service.message ? "message" : "quiet"}>${more}</span></td>
     </tr>`;
   }
 }
 
 const ROW = 30;
 const SHOWN = 40;
+const LEASES = 2000;
 
 /** The groups of the manifests, asked for again when these change. */
 function useGroups() {
@@ -101,41 +103,69 @@ function Table({ open }) {
   </div>`;
 }
 
+/** Seconds left of each lease, by requester and id: time alone changes them, so the feed does not tell them. */
+function useLeases(any) {
+  const [left, setLeft] = useState({});
+  useEffect(() => {
+    if (!any) return undefined;
+    const read = () =>
+      call("GET", "/v1/requests").then(
+        (all) => setLeft(Object.fromEntries(all.map((one) => [`${one.requester} ${one.id}`, one.expires_in]))),
+        () => setLeft({}),
+      );
+    read();
+    const timer = setInterval(() => document.hidden || read(), LEASES);
+    return () => clearInterval(timer);
+  }, [any]);
+  return left;
+}
+
+function lease(request, left) {
+  const more = left[`${request.requester} ${request.id}`];
+  return more == null ? `lease of ${seconds(request.ttl)}` : `${seconds(Math.max(0, more))} left of its lease of ${seconds(request.ttl)}`;
+}
+
+function budget(limits) {
+  const parts = [limits?.cpu != null && `${limits.cpu} cores`, limits?.memory != null && bytes(limits.memory)].filter(Boolean);
+  return parts.length ? `budget ${parts.join(", ")}` : "no budget";
+}
+
 function Facts() {
   const { status, samples, readOnly } = useStore("status", "samples");
+  const left = useLeases(status?.requests.some((request) => request.ttl));
   if (!status) return null;
   const [before, now] = samples.slice(-2).map((sample) => sample.machine);
   const passed = now ? samples.at(-1).at - samples.at(-2).at : 0;
   const cpu = passed > 0 ? (now.cpu_seconds - before.cpu_seconds) / passed : 0;
   const machine = now ?? before;
-  const live = status.requests.filter((request) => !request.standing);
+  const calls = Object.entries(status.in_flight);
   return html`<div class="facts">
     <section aria-labelledby="machine"><h2 id="machine">Machine</h2>
       ${machine && html`<p>CPU ${cpu.toFixed(2)} of ${machine.cores} cores, memory ${bytes(machine.memory)} of
         ${" "}${bytes(machine.memory_total)}</p>
         <p>waiting for CPU ${Math.round(machine.cpu_some)} %, for memory ${Math.round(machine.memory_some)} %</p>`}
-      <p>${status.pressure.budget ? `budget ${JSON.stringify(status.pressure.budget)}` : "no budget"};
-        ${" "}pressure: ${status.pressure.reason || "none"}</p>
+      <p>${budget(status.pressure.budget)}; pressure: ${status.pressure.reason || "none"}</p>
       ${!readOnly && (status.suspended
-        ? html`<button onClick=${() => ask.resume()}>Let rorg go on</button>`
+        ? html`<button onClick=${() => ask.resume()}>End the suspension</button>`
         : html`<button onClick=${() => ask.suspend()}>Suspend rorg</button>`)}
     </section>
     <section aria-labelledby="requests"><h2 id="requests">Requests</h2>
-      <ul>${live.map(
+      <ul>${status.requests.map(
         (request) => html`<li key=${request.requester + request.id}><b>${request.services.join(", ")}</b> by
           ${" "}${request.requester} <span class="quiet">${request.id}${request.reason ? `, ${request.reason}` : ""}
-          ${request.expires_in != null ? `, ${seconds(request.expires_in)} left` : ""}</span>
-          ${" "}${!readOnly && html`<button onClick=${() => ask.release(request)}
+          ${request.ttl ? `, ${lease(request, left)}` : ""}${request.standing ? ", declared in a manifest" : ""}</span>
+          ${" "}${!readOnly && !request.standing && html`<button onClick=${() => ask.release(request)}
             aria-label=${`Release ${request.id}`}>Release</button>`}</li>`,
       )}</ul>
-      ${!live.length && html`<p class="quiet">Nobody requests anything.</p>`}
+      ${!status.requests.length && html`<p class="quiet">Nobody requests anything.</p>`}
     </section>
     <section aria-labelledby="waits"><h2 id="waits">What rorg does and waits for</h2>
-      <ul>${status.plan.actions.map((one, index) => html`<li key=${index}>${one.verb} ${one.service}
+      <ul>${calls.map(([name, verb]) => html`<li key=${name}>${verb} ${name} <span class="quiet">is under way</span></li>`)}
+        ${status.plan.actions.map((one, index) => html`<li key=${index}>${status.suspended && "after the suspension: "}${one.verb} ${one.service}
           <span class="quiet"> ${one.reason}</span></li>`)}
-        ${status.plan.waitings.map((one, index) => html`<li key=${`w${index}`}>${one.service} waits: ${one.reason}</li>`)}
+        ${status.plan.waitings.map((one, index) => html`<li key=${`w${index}`}>${waiting(one.service, one.reason)}</li>`)}
       </ul>
-      ${!status.plan.actions.length && !status.plan.waitings.length && html`<p class="quiet">Nothing to do.</p>`}
+      ${!calls.length && !status.plan.actions.length && !status.plan.waitings.length && html`<p class="quiet">Nothing to do.</p>`}
     </section>
   </div>`;
 }

@@ -8,7 +8,7 @@ const EVENTS = 500;
 export const state = {
   services: {},
   status: null,
-  graph: { services: [], edges: [], always_on: [] },
+  graph: { services: [], edges: [] },
   machines: [],
   events: [],
   samples: [],
@@ -151,18 +151,47 @@ export function mood(service) {
     return "failing";
   if (service.state === "unknown" || service.health === "Unknown") return "unknown";
   if (service.health === "Preempted" || service.health === "Waiting") return "waiting";
+  if (service.health === "Completed") return "completed";
   if (service.state === "running") {
     if (!service.wanted) return "idle";
     return service.conditions.some((c) => c.type === "Ready" && c.status === "True") ? "ready" : "starting";
   }
   if (service.state === "paused" || service.state === "inactive") return "idle";
-  return service.wanted ? "starting" : "stopped";
+  if (service.wanted) return "starting";
+  return service.state === "none" ? "none" : "stopped";
+}
+
+const condition = (service, type) => service.conditions.find((one) => one.type === type);
+
+/** Whether its last change is on trial. */
+const onTrial = (service) => condition(service, "Updated")?.status === "Unknown";
+
+/** What keeps a service from being as wanted; or how long it lingers, or what its trial waits for. */
+export function about(service) {
+  const waits = onTrial(service) || (!service.wanted && service.health === "Idle");
+  return service.message || (waits && condition(service, "Reconciling")?.message) || "";
+}
+
+/** How a service is, in a sentence. */
+export function sentence(service) {
+  const one = mood(service);
+  if (!service || one === "meta") return MOODS[one].text;
+  const idle = one === "idle" ? (service.state === "running" ? ", still running" : `, ${service.state}`) : "";
+  const more = about(service);
+  return MOODS[one].text + idle + (onTrial(service) ? ", on trial" : "") + (more && (one === "ready" ? "; " : ": ") + more);
+}
+
+/** What is said of a service or a thing that waits. A reason may begin with a verb of its own, or name the engine. */
+export function waiting(who, reason) {
+  if (who === "engine") return reason;
+  return reason.startsWith("waits ") ? `${who} ${reason}` : `${who}: ${reason}`;
 }
 
 export const MOODS = {
   ready: { shape: "●", text: "ready" },
   starting: { shape: "◐", text: "starting" },
   idle: { shape: "◫", text: "idle" },
+  completed: { shape: "✓", text: "completed" },
   stopping: { shape: "◌", text: "stopping" },
   stopped: { shape: "○", text: "stopped" },
   waiting: { shape: "◌", text: "kept out" },
