@@ -11,6 +11,7 @@ import pytest
 from conftest import wait_for
 from robots import RealRobot, write_tree
 
+from rorg.cli.revert import Goal
 from rorg.history.database import reading
 from rorg.history.revisions import Revisions
 from rorg.host.watch import Watcher
@@ -280,3 +281,9 @@ def test_the_tree_is_that_of_the_running_rorg_also_if_a_loss_of_power_took_what_
     elsewhere.mkdir()
     commands.rorg("rollback", "1", "--yes", cwd=elsewhere, RORG_STATE_DIR=str(running.state.path), **ANN)
     assert git(running, "log", "-1", "--format=%s").startswith("Roll back to 1")
+
+
+@pytest.mark.parametrize("before", ["Roll back to 5 (edef05a2b956): ", "Roll back arm to HEAD~1 (0123456789ab): " * 2])
+def test_a_return_to_a_rollback_names_the_commit_that_it_led_to(before):
+    goal = Goal("a" * 40, "7", f"{before}Mount the script")
+    assert goal.title == "7 (aaaaaaaaaaaa): Mount the script"

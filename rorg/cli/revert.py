@@ -31,6 +31,8 @@ SHORTEST = 7
 """Least digits of a commit in a name."""
 NO_TIME = re.compile(r"[0-9]+|[0-9a-f]{7,}")
 """A number of `rorg history` or a commit, even if it could be read as a time."""
+EARLIER = re.compile(r"^(Roll back( \S+)? to \S+( \([0-9a-f]+\))?: )+")
+"""What a rollback writes before the subject of the commit that it returns to: of many in a row, the last is enough."""
 Agreed = Callable[[dict[str, Any] | None, Differences], None]
 """Shows the plan and its owner, and asks. Raises Refused."""
 NAMED = 10
@@ -56,7 +58,7 @@ class Goal:
         """As in 12 (abc1234): subject"""
         short = self.commit[:SHORT]
         same = NO_TIME.fullmatch(self.name) and len(self.name) >= SHORTEST and self.commit.startswith(self.name)
-        return f"{short if same else f'{self.name} ({short})'}: {self.subject}"
+        return f"{short if same else f'{self.name} ({short})'}: {EARLIER.sub('', self.subject)}"
 
 
 class Known:
