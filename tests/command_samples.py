@@ -275,6 +275,7 @@ SAMPLES = {
     "demo": Sample(["demo --help"], Line("demo --engine docker", engine=True)),
     "emulate": Sample(["emulate nosuch.yaml"], Line("emulate {trace} {tree} --engine docker", engine=True)),
     "schema": Sample(["schema schemas"], Line("schema Service")),
+    "help": Sample(["help get", "help options"], Line("help get")),
     "completion": Sample(["completion bash"], Line("completion bash")),
     "down": Sample(["down --yes"], Line("down --yes", **BOTH)),
 }
