@@ -18,5 +18,5 @@ def test_nothing_overlaps_and_nothing_is_lost(tmp_path):
         finally:
             soak.close()
     assert not faults, "\n".join(f"{fault.kind}: {fault.what}" for fault in faults)
-    assert soak.book.answers()
-    assert soak.checkpoints >= 2
+    assert soak.witness.events, "it judged nothing"
+    assert soak.checkpoints
