@@ -180,6 +180,14 @@ def test_while_the_engine_is_silent_nothing_is_said_to_happen(robot):
     assert (gone.effects, gone.unwanted) == ({}, ("arm",))
 
 
+def test_an_interlock_is_asked_first_and_says_nothing_before(robot):
+    robot.declare({**ROBOT, "gripper": {"interlock": {"file": "/allow"}, "idle": {"linger": "0s"}}})
+    robot.settle()
+    robot.sim.locked = {"gripper"}
+    found = would(robot, requested("gripper"))
+    assert (found.effects, found.interlocked) == ({"gripper": Effect.START}, ("gripper",))
+
+
 def test_a_retry_replaces_the_container_once_more(robot):
     bring_up(robot, "slow", id="s")
     broken = {**ROBOT, "slow": {**ROBOT["slow"], "command": ["other"], "ready": {"file": "/never", "timeout": "5s"}}}

@@ -117,6 +117,20 @@ def test_requests_say_what_is_left_of_their_lease_and_which_are_declared(watched
     assert declared.locator("button").count() == 0
 
 
+def test_the_last_events_come_first_however_many_the_page_knows(robot, watched):
+    watched.view("now/crash")
+    events = watched.page.locator(".drawer .events li")
+
+    def told() -> bool:
+        known = [e["message"] for e in robot.client().events(tail=12, only={"service": ["crash"]}) if "message" in e]
+        shown = events.all_inner_texts()
+        return len(shown) == 12 and all(
+            text.endswith(message) for text, message in zip(shown, known[::-1], strict=True)
+        )
+
+    wait_for(told, 60, "its last twelve events")
+
+
 def test_what_crashes_can_be_restarted_at_once(watched):
     watched.view("now/crash")
     watched.page.wait_for_selector(".drawer button:text-is('Restart'):enabled")

@@ -77,6 +77,7 @@ class PreviewView(BaseModel):
     unwanted: list[str] = Field(description="Services that nothing would want any more. They idle as they declare.")
     preempted: list[PreemptedView]
     waits: list[WaitView]
+    interlocked: list[str] = Field(description="Services of these whose interlock has to allow it first.")
     confirm: list[str] = Field(description="Services for which it needs `force`, as in a refusal.")
     confirm_reason: str
 
@@ -181,6 +182,7 @@ def view(found: Consequences, why: str, confirm: tuple[str, ...]) -> dict[str, o
         "unwanted": list(found.unwanted),
         "preempted": [{"service": p.service, "by": list(p.by), "reason": p.reason} for p in found.preempted],
         "waits": [{"service": w.service, "reason": w.reason, "code": w.code} for w in found.waits],
+        "interlocked": list(found.interlocked),
         "confirm": list(confirm),
         "confirm_reason": why,
     }

@@ -60,6 +60,8 @@ class Consequences:
     """Services that nothing would want any more. They idle as their manifests say."""
     preempted: tuple[Preempted, ...]
     waits: tuple[Wait, ...]
+    interlocked: tuple[str, ...] = ()
+    """Services with an effect whose interlock has to allow it first."""
 
     def of(self, effect: Effect) -> list[str]:
         """Return the services with one effect."""
@@ -76,10 +78,12 @@ def consequences(inputs: Inputs, changed: Inputs) -> Consequences:
     left = tuple(r for r in changed.requests if r.requester not in restarted or r.standing or r.incarnation is None)
     if left != changed.requests:
         after = _supposed(replace(changed, requests=left))
-    effects = {**_effects(after), **dict.fromkeys(restarted, Effect.RESTART)}
+    every = {**_effects(after), **dict.fromkeys(restarted, Effect.RESTART)}
+    effects = {name: effect for name, effect in sorted(every.items()) if old.get(name) is not effect}
+    services = inputs.desired.catalog.services
     asked, asked_then = _asked(before), _asked(after)
     return Consequences(
-        {name: effect for name, effect in sorted(effects.items()) if old.get(name) is not effect},
+        effects,
         tuple(sorted(asked_then - asked)),
         tuple(sorted(asked - asked_then)),
         tuple(
@@ -88,6 +92,7 @@ def consequences(inputs: Inputs, changed: Inputs) -> Consequences:
             if before.situation.preempted.get(name) != reason
         ),
         _waits(before, after, restarted),
+        tuple(name for name in effects if services[name].interlock),
     )
 
 

@@ -41,6 +41,7 @@ export function sentences(told) {
     stays.length ? `${verb(stays, "is", "are")} wanted from now on, and ${stays.length > 1 ? "stay as they are" : "stays as it is"}.` : "",
     told.unwanted.length ? `No longer wanted: ${list(told.unwanted)}.` : "",
     ...grouped(told.waits, (one) => one.reason).map((same) => waits(same.map((one) => one.service), same[0].reason, told)),
+    told.interlocked.length ? `Asks ${told.interlocked.length > 1 ? "the interlocks" : "the interlock"} of ${list(told.interlocked)} first.` : "",
   ].filter(Boolean);
   return lines.length ? lines : ["Nothing changes now."];
 }

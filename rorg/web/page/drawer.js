@@ -60,7 +60,7 @@ function Transitions({ name }) {
   const older = useAnswer(`/v1/events?tail=${EVENTS}&service=${encode(name)}`, "");
   const past = typeof older.value === "string" ? older.value.split("\n").filter(Boolean).map((line) => JSON.parse(line)) : [];
   const all = [...past, ...events.filter((event) => event.service === name)];
-  const shown = [...new Map(all.map((event) => [event.seq, event])).values()].slice(-EVENTS).reverse();
+  const shown = [...new Map(all.map((event) => [event.seq, event])).values()].sort((a, b) => b.seq - a.seq).slice(0, EVENTS);
   return html`<ul class="events">${shown.map(
     (event) => html`<li key=${event.seq}><time datetime=${event.at}>${clock(event.at)}</time> ${event.message}</li>`,
   )}</ul>`;
