@@ -162,20 +162,6 @@ def _styled(text: str, style: str) -> str:
     return f"\033[{CODES[style]}m{text}\033[0m" if style else text
 
 
-def rich_table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str], title: str = "") -> Any:
-    """The same as a rich table, for the live view of the demo."""
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table(title=title or None, box=None, pad_edge=False, header_style="bold", title_justify="left")
-    for column in columns:
-        table.add_column(column.upper(), no_wrap=column != "why", overflow="ellipsis")
-    for row in rows:
-        texts = [printable(row.get(c, "")) for c in columns]
-        table.add_row(*[Text(t, style=COLOURS.get(t, "")) for t in texts])
-    return table
-
-
 def print_rows(
     rows: Sequence[Mapping[str, Any]],
     form: str,
