@@ -109,9 +109,11 @@ class Swap:
 
 
 def is_untried(view: View, name: str, container: Container) -> bool:
-    """Return whether a container of the desired edition ran, but was never proven, and another one runs. It is made
-    anew, on trial, so that there is a way back."""
+    """Return whether a container of the desired edition ran, but was never proven, and another one runs to which it has
+    no way back. It is made anew, on trial."""
     update = view.s.memory.of(name).update
     if update.baked in ("", update.edition) or container.alive or not container.started_at:
         return False
-    return container.digest == view.desired.digests[name] and any(c.alive for c in view.of(name))
+    others = {c.id for c in view.of(name) if c.alive}
+    same = container.digest == view.desired.digests[name]
+    return same and bool(others) and container.previous not in others
