@@ -17,11 +17,14 @@ from forwarder import Forwarder
 from robots import WORK
 
 from rorg.core.observed import LABEL_OWNER, LABEL_SERVICE
+from rorg.core.operations import Start
+from rorg.core.plan import Action
 from rorg.engines.docker.answers import Frames
 from rorg.engines.docker.client import Client
 from rorg.engines.docker.engine import DockerEngine
-from rorg.engines.docker.errors import Refused
+from rorg.engines.docker.errors import Refused, refusal
 from rorg.engines.docker.release import Release, version_text
+from rorg.engines.execute import failure
 from rorg.engines.log_lines import Reading
 from rorg.errors import EngineError, TimedOut, Unreachable
 
@@ -275,3 +278,9 @@ def test_a_stream_of_events_ends_when_it_is_told_to(dockerd):
     for thread in threads:
         thread.join(60)
     assert len(ended) == 2
+
+
+def test_a_full_disk_of_the_engine_says_nothing_against_a_change():
+    said = refusal("start nav", "failed to create shim task: write /run/x/init.pid: no space left on device")
+    assert said.kind == "no_space"
+    assert not failure(Action(0, Start(container="a"), "nav"), said).refused

@@ -38,6 +38,7 @@ class NoAnswer(OSError):
 
 KINDS = (
     ("missing_image", r"no such image", "`rorg build`"),
+    ("no_space", r"no space left on device|disk quota exceeded", "to free space on the engine's disk"),
     (
         "name_taken",
         r"is already in use by container|name .* already in use|name conflicts with an existing object",
