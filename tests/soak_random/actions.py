@@ -35,7 +35,7 @@ class Requester(threading.Thread):
         super().__init__(daemon=True)
         self.number, self.rorg, self.book = number, rorg, book
         self.dice = random.Random(f"{seed} {number}")
-        self.client = rorg.client(timeout=30.0, patience=60.0)
+        self.client, self.process = rorg.client(timeout=30.0, patience=60.0), rorg.process
         self.may, self.idle, self.over = threading.Event(), threading.Event(), threading.Event()
 
     def run(self) -> None:
@@ -65,7 +65,7 @@ class Requester(threading.Thread):
         body = {"services": names, "priority": self.dice.choice((None, None, 70)), "ttl": calls.duration(ttl or 0)}
         body |= {} if ttl else {"ttl": None}
         wait = WAIT if self.dice.random() < 0.7 else None
-        asked = time.time()
+        asked, self.process = time.time(), self.rorg.process
         if ttl is None and self.dice.random() < 0.15:
             return self._command(id, names, asked)
         try:
@@ -93,6 +93,9 @@ class Requester(threading.Thread):
             self.book.errors.append(f"exit {done.returncode}: {done.stderr}")
 
     def _unchanged(self, id: str) -> None:
+        """It was refused. But an rorg that was killed may have done it before the client repeated the call."""
+        if self.process is not self.rorg.process:
+            return
         with self.book.lock:
             self.book.unknown.discard(id)
 
