@@ -87,8 +87,8 @@ DEFECTS_OF_UNDO = (
     Defect(
         "an end during an outage of the engine is a failure",
         "core/transitions.py",
-        "        return again and (evidence.outage or (tried and current.vanished))\n",
-        "        return again and (tried and current.vanished)\n",
+        "        return again and (evidence.outage or (tried and (current.vanished or current.signalled)))\n",
+        "        return again and (tried and (current.vanished or current.signalled))\n",
         (KEPT,),
         walk=walk(ASKED, (("change", 0), 1.0), (("outage",), REST)),
     ),
@@ -119,7 +119,7 @@ DEFECTS_OF_UNDO = (
     Defect(
         "the next change forgets what failed",
         "core/rollout.py",
-        "    update = replace(update, edition=edition, since=now, interrupted=0)\n",
+        "    update = replace(update, edition=edition, since=now, interrupted=0, earlier_run=progress.incarnation)\n",
         "    update = replace(update, edition=edition, since=now, interrupted=0, quarantined={})\n",
         (AGAIN,),
         walk=walk(ASKED, (("spoil", 0), 6.0), (("change", 0), 6.0), (("revert",), REST)),
