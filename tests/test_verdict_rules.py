@@ -377,7 +377,7 @@ def test_a_quarantine_is_lifted_once_per_request():
     late = failed(replace(STARTING, attempts=FAILED), "late", NOW, "a")
     known = Memory(progress={"base": late, "arm": STARTING})
     found = retried(known, {"base": "12:00"})
-    assert found.of("base") == replace(STARTING, update=replace(EDITION, lifted="12:00"))
+    assert found.of("base") == replace(STARTING, update=replace(EDITION, lifted="12:00", spared="a"))
     assert found.of("arm") is known.of("arm")
     assert retried(found, {"base": "12:00"}) is found
     assert retried(known, {}) is known

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import inf
 
 from rorg.core.changes import updated
 from rorg.core.desired import Desired, live_digest
@@ -79,6 +80,7 @@ def renewed(progress: Progress, edition: str, now: float) -> Progress:
     if not update.edition:
         return replace(progress, update=replace(update, edition=edition))
     update = replace(update, edition=edition, since=now, interrupted=0, earlier_run=progress.incarnation)
+    update = replace(update, failed_at=-inf)  # that was another edition
     return replace(progress, exits=0, attempts={}, error="", update=update)
 
 
