@@ -277,9 +277,8 @@ def test_a_wait_goes_on_while_a_service_that_kept_crashing_is_tried_again(robot,
     }
     robot.declare({"always": {"always_on": True}, "arm": again})
     robot.request("arm")
+    robot.wait(lambda: "exit code 3" in robot.client().readiness("arm")["arm"]["reason"])
     robot.wait(lambda: any("arm is stalled" in line for line in robot.log()))
-    told = robot.client().readiness("arm")["arm"]
-    assert "exit code 3" in told["reason"], told
     robot.wait(lambda: robot.states()["arm"] == "running" and runs.read_text().count("x") == 4)
     threading.Timer(1.0, (folder / "up").touch).start()
     assert robot.client().wait("arm", timeout=30)["arm"]["ready"]
