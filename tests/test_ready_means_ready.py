@@ -277,6 +277,7 @@ def test_a_wait_goes_on_while_a_service_that_kept_crashing_is_tried_again(robot,
     }
     robot.declare({"always": {"always_on": True}, "arm": again})
     robot.request("arm")
+    robot.wait(lambda: "arm" in robot.states())
     robot.wait(lambda: "exit code 3" in robot.client().readiness("arm")["arm"]["reason"])
     robot.wait(lambda: any("arm is stalled" in line for line in robot.log()))
     robot.wait(lambda: robot.states()["arm"] == "running" and runs.read_text().count("x") == 4)
