@@ -128,7 +128,7 @@ def test_a_lingering_service_is_unwanted_and_says_how_long_it_stays(robot):
     bring_up(robot, "slow", id="s")
     found = would(robot, released("s"))
     assert (found.effects, found.unwanted) == ({}, ("slow",))
-    assert [(w.service, w.reason) for w in found.waits] == [("slow", "not wanted; lingers for 20 s")]
+    assert [(w.service, w.reason) for w in found.waits] == [("slow", "lingers for 20 s")]
     robot.release("s")
     robot.sim.step()
     kept = would(robot, requested("slow"))

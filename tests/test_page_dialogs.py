@@ -108,7 +108,7 @@ def test_a_request_of_a_group_is_released_with_what_it_wants(robot, watched):
 
 def test_an_idle_service_lingers_and_a_request_keeps_it(robot, watched):
     bring_up(robot, "slow", id="s")
-    waits = "slow: not wanted; lingers for "
+    waits = "slow: lingers for "
     told(watched, "slow", "Release s", "No longer wanted: slow.", waits)
     robot.client().release("s")
     told(watched, "slow", "Request", "slow is wanted from now on, and stays as it is.")

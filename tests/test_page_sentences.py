@@ -76,7 +76,7 @@ def state(robot, name: str) -> str:
 
 
 SENTENCES = {
-    "lingers": "idle, still running: not wanted; lingers for ",
+    "lingers": "idle, still running: lingers for ",
     "paused": "idle, paused",
     "stops": "stopping",
     "camera": "ready",
@@ -106,7 +106,7 @@ def test_nothing_waits_for_waiting(watched):
     watched.view("now/teleop")
     watched.page.wait_for_selector(".drawer li:text-is('It waits for hand, which is taken by camera')")
     watched.page.wait_for_selector(".facts li:text-is('teleop waits for hand, which is taken by camera')")
-    watched.page.wait_for_selector(".facts li:has-text('lingers: not wanted; lingers for')")
+    watched.page.wait_for_selector(".facts li:has-text('lingers: lingers for')")
     watched.page.wait_for_selector(".facts li:has-text('stop stops is under way')")
 
 

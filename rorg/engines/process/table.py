@@ -20,6 +20,8 @@ EXEC = "RORG_EXEC"
 """Environment variable that a command beside a service and everything that it starts inherit."""
 BEGIN = 5.0
 """Seconds within which a program has started, however busy the machine is."""
+EXEC_TAKES = 0.1
+"""Seconds that a process may be without an environment, on a busy machine, while it becomes another program."""
 PROCESS_GROUP = 4
 """PIDFD_SIGNAL_PROCESS_GROUP (Linux 6.9): signal a whole group through a descriptor that cannot be reused."""
 DEAD = "ZX"
@@ -102,12 +104,15 @@ def leader_of(pid: int, leaders: Container[int], table: Mapping[int, Process]) -
 def is_same(run: Run) -> bool:
     """Whether the leader of a run lives. Start times have a resolution of 10 ms, so the mark is checked too."""
     facts = stat(run.leader) if run.boot == boot_id() else None
-    return (
-        facts is not None
-        and facts.started == run.started
-        and facts.state not in DEAD
-        and marked(run.leader, MARK, run.container)
-    )
+    return facts is not None and facts.started == run.started and facts.state not in DEAD and _is_marked_leader(run)
+
+
+def _is_marked_leader(run: Run) -> bool:
+    """Whether a run's leader carries its mark. While it becomes the shell it has no environment for a moment."""
+    deadline = time.monotonic() + EXEC_TAKES
+    while not (environment := _environment(run.leader)) and time.monotonic() < deadline:
+        time.sleep(0.001)
+    return f"{MARK}={run.container}".encode() in environment
 
 
 def members(run: Run) -> dict[int, Process]:
@@ -140,12 +145,17 @@ def _descendants(leader: int) -> list[int] | None:
 
 def marked(pid: int, name: str, value: str) -> bool:
     """Whether a process began with this variable in its environment. Raises Unreachable."""
+    return f"{name}={value}".encode() in _environment(pid)
+
+
+def _environment(pid: int) -> list[bytes]:
+    """With what a process began; empty if it is gone. Raises Unreachable."""
     try:
-        environment = Path(f"/proc/{pid}/environ").read_bytes().split(b"\0")
+        text = Path(f"/proc/{pid}/environ").read_bytes()
     except OSError as error:
         known(error, f"process {pid}")
-        return False
-    return f"{name}={value}".encode() in environment
+        return []
+    return text.split(b"\0") if text else []
 
 
 def await_program(child: subprocess.Popen[bytes], container: str) -> None:
