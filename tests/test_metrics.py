@@ -102,6 +102,7 @@ def test_the_page_names_what_there_is(robot):
     page = (ROOT / "docs/how-to/metrics.md").read_text()
     table = page[page.index("| metric") : page.index("Useful alerts")]
     named = set(re.findall(r"`(rorg_\w+)", table))
+    wait_for(lambda: ("rorg_service_memory_bytes", "base") in scrape(robot), what="the use of base is known")
     there = set(re.findall(r"^(rorg_\w+)", get(robot)[1], re.M)) | {"rorg_events_total", "rorg_shed_services"}
     there.add("rorg_machine_up")  # only of a robot of several
     assert named == there - {name for name in there if name.endswith("_created")}

@@ -86,7 +86,7 @@ SENTENCES = {
     "held": "kept out: held until ",
     "worse": "ready; its change failed: ended with exit code 7; change it again, or `rorg retry worse`",
     "trial": "ready, on trial; the previous container is kept until this one has been well (",
-    "crash": "failing: start stalled: ended with exit code 3; again in ",
+    "crash": "failing: ended with exit code 3; again in ",
     "noprogram": "failing: start stalled: no program /no/such/program",
     "arm": "ready; changed: command; arm is in use; `rorg apply` confirms the change",
     "done": "completed",

@@ -77,7 +77,7 @@ def test_a_held_service_is_ceased_though_requested_and_its_dependants_wait_with_
     robot.settle()
     robot.request("navigation")
     active(robot, "roscore", "localization", "navigation")
-    robot.hold("localization", 4.0, "calibration")
+    robot.hold("localization", 15.0, "calibration")
     robot.wait(lambda: not {"localization", "navigation"} & robot.active())
     robot.wait(
         lambda: (

@@ -277,9 +277,11 @@ class Loop:
         return times
 
     def _read_files(self, upto: int) -> None:
+        check = self.wakes.take_check()
         if self.wakes.take_requests() or upto > self.generations.acted:
             self.leases.read()
-        if self.wakes.take_check() and self.tree.source is None and self.tree.changes.differ():
+            check = True  # what is read may be a request for what was just saved
+        if check and self.tree.source is None and self.tree.changes.differ():
             self.wakes.again()
         if self.wakes.take_files():
             _, again = self.tree.read()
