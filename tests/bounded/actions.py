@@ -125,22 +125,23 @@ def a_restart_has_its_cause(watch: Watch) -> None:
 @at("begin")
 def the_same_is_not_created_again(watch: Watch) -> None:
     """A service gets no new container while one with the same digest exists and can be used. One that ended unproven
-    cannot, while another runs to which it has no way back."""
+    cannot, while there is another that ran, to which it has no way back."""
     name, action = watch.action
     service = watch.services.get(name)
     if action.verb != "create" or service is None or service.joins or service.devices or watch.robot.desired.objects:
         return
     digest, step = action.operation.labels[LABEL_SPEC], watch.robot.memory.of(name)
     usable = [c for c in watch.robot.read.observed.of(name) if c.state not in ("dead", "removing")]
-    run, proven = {c.id for c in usable if c.alive}, step.update.baked in ("", step.update.edition)
+    ran, proven = {c.id for c in usable if c.started_at}, step.update.baked in ("", step.update.edition)
     same = [c for c in usable if c.digest == digest and not step.spent(c)]
-    same = [c for c in same if proven or c.alive or not c.started_at or not run or c.previous in run]
+    same = [c for c in same if proven or c.alive or not c.started_at or not (ran - {c.id}) or c.previous in ran]
     assert not same, f"{name} has a container of this digest"
 
 
 @at("begin")
 def the_good_stay_until_the_next_is_proven(watch: Watch) -> None:
-    """A container that stayed well is removed, while its service is wanted, only if its successor stayed well."""
+    """A container that stayed well is removed, while its service is wanted, only if its successor stayed well. A set
+    goes back together, also to what had not run for long."""
     name, action = watch.action
     situation = watch.robot.decision.situation
     if action.verb != "remove" or action.container not in watch.good or name not in situation.wanted:
@@ -149,8 +150,8 @@ def the_good_stay_until_the_next_is_proven(watch: Watch) -> None:
     if service.joins or service.devices or watch.robot.desired.objects:
         return
     rest = [c for c in situation.observed.of(name) if c.id != action.container]
-    proven = watch.robot.memory.of(name).update.proven
-    assert any(c.id in watch.good or c.id == proven for c in rest), f"{name} has nothing to go back to"
+    proven, drawn = watch.robot.memory.of(name).update.proven, watch.robot.memory.of(name).update.drawn
+    assert drawn or any(c.id in watch.good or c.id == proven for c in rest), f"{name} has nothing to go back to"
 
 
 @at("begin")
