@@ -70,6 +70,7 @@ def test_a_good_change_of_a_process_that_began_by_a_clock_far_ahead_is_kept(tmp_
     robot = RealRobot(tmp_path, "process", None)
     robot.declare(edition("old"))
     robot.wait(lambda: running(robot, "arm"))
+    robot.settle()
     record = robot.engine.records.read(running(robot, "arm").id)
     robot.engine.records.write({**record, "started_at": FAR_AHEAD, "created_at": FAR_AHEAD})
     robot.engine.changes.tell(record["id"])
