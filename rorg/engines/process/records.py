@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from rorg.engines.process.table import Run, is_same, known, members, signal_group, signal_one, stat
+from rorg.engines.process.table import Run, has_begun, is_same, known, members, signal_group, signal_one, stat
 from rorg.engines.protocol import stop_sequence
 from rorg.errors import EngineError
 from rorg.model.signals import signal_number
@@ -87,6 +87,8 @@ class Records:
         if child is not None:
             child.poll()
         if is_same(_run(record)):
+            if not has_begun(record["pid"]):
+                return "created", None  # if its rorg was killed, it never will
             facts = stat(record["pid"])
             return ("paused" if facts and facts.state == "T" else "running"), None
         try:

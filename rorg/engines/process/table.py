@@ -12,6 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
+from rorg.engines.process import lead
 from rorg.errors import Unreachable
 
 MARK = "RORG_CONTAINER"
@@ -105,6 +106,11 @@ def is_same(run: Run) -> bool:
     """Whether the leader of a run lives. Start times have a resolution of 10 ms, so the mark is checked too."""
     facts = stat(run.leader) if run.boot == boot_id() else None
     return facts is not None and facts.started == run.started and facts.state not in DEAD and _is_marked_leader(run)
+
+
+def has_begun(leader: int) -> bool:
+    """Whether a run's leader has become the shell: before that it waits for the word that its run is on record."""
+    return lead.__file__ not in os.fsdecode(_command_line(str(leader))).split("\0")[:4]
 
 
 def _is_marked_leader(run: Run) -> bool:
