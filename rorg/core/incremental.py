@@ -158,6 +158,7 @@ def depending_plans(situation: Situation, name: str) -> Iterable[str]:
     yield from desired.dependants[name]
     yield from desired.rivals.get(name, ())
     yield from (n for n in service.needs if n not in wanted)  # needs cease after what needs them
+    yield from service.joins  # former containers go after those that are joined to them
 
 
 def _common_changed(before: Situation, now: Situation) -> bool:
