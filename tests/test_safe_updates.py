@@ -130,25 +130,6 @@ def test_a_proven_live_probe_counts_also_while_another_change_bakes(virtual):
     virtual.wait(lambda: virtual.run_of("nav") != run)
 
 
-def test_a_revert_to_what_was_never_proven_keeps_a_way_back(virtual):
-    """Its container is still there, but it would run without a trial."""
-    virtual.declare({"nav": WELL})
-    virtual.settle()
-    later(virtual, 30)
-    good = virtual.container("nav").digest
-    virtual.kill("nav")
-    virtual.drift("remove", "nav")
-    virtual.declare({"nav": changed(1)})
-    bad = spoil(virtual, "nav", "exit")
-    virtual.wait(lambda: bad in {c.digest for c in virtual.containers() if c.state == "running"})
-    virtual.declare({"nav": WELL})
-    virtual.wait(lambda: good in {c.digest for c in virtual.containers() if c.state == "running"})
-    virtual.declare({"nav": changed(1)})
-    later(virtual, 60)
-    assert [(c.digest, c.state) for c in virtual.containers()] == [(good, "running")]
-    assert "its change failed" in virtual.waits("nav")
-
-
 # -- quarantine ------------------------------------------------------------------------------------------------
 
 

@@ -41,8 +41,8 @@ EDITION = Update(edition="now", since=80.0)
 STARTING = Progress(incarnation=RUN, running_since=EARLIER, update=EDITION)
 WELL = replace(STARTING, ready=True, was_ready=True, well_since=EARLIER)
 """Ready for ten seconds; a bake of two seconds ended at 92."""
-BAKED = {"update": replace(EDITION, baked="now", live="none")}
-ANSWERED = {"update": replace(EDITION, baked="now", live=live_digest(WATCHED))}
+BAKED = {"update": replace(EDITION, baked="now", well="a" * 64, live="none")}
+ANSWERED = {"update": replace(BAKED["update"], live=live_digest(WATCHED))}
 FAILED = {"start": Attempt(error="no")}
 OLD = Container("b" * 64, "base.old", "base", "exited", "2026-01-01T10:00:00Z")
 

@@ -250,7 +250,8 @@ def _baked(progress: Progress, service: Service, current: Container, desired: De
         return progress
     if service.on_change != "none" and update.changed_content(current, desired.contents.get(name, {})):
         return progress  # this run has not read the present content
-    return replace(progress, update=replace(update, baked=update.edition, live=live_digest(service)))
+    update = replace(update, baked=update.edition, well=current.id, live=live_digest(service))
+    return replace(progress, update=update)
 
 
 def failed(progress: Progress, error: str, now: float, container: str = "") -> Progress:

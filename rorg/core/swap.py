@@ -109,11 +109,10 @@ class Swap:
 
 
 def is_untried(view: View, name: str, container: Container) -> bool:
-    """Return whether a container of the desired edition ran, but is not what was proven last, and has no way back to
-    another one that ran. It is made anew, on trial."""
-    update = view.s.memory.of(name).update
-    if update.baked in ("", update.edition) or container.alive or not container.started_at:
+    """Return whether a container of the desired edition ran, but another one stayed well last, to which it has no way
+    back. It is made anew, on trial."""
+    well = view.s.memory.of(name).update.well
+    if container.alive or not container.started_at or container.id == well or container.previous == well:
         return False
-    others = {c.id for c in view.of(name) if c.started_at and c.id != container.id and not c.lost}
-    same = container.digest == view.desired.digests[name]
-    return same and bool(others) and container.previous not in others
+    others = (c for c in view.of(name) if c.id == well and not c.lost)
+    return container.digest == view.desired.digests[name] and any(others)

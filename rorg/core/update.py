@@ -37,6 +37,8 @@ class Update:
     """Id of the container that passed its trial, while the previous one still exists."""
     baked: str = ""
     """The edition that stayed well last."""
+    well: str = ""
+    """Id of the container that stayed well last."""
     live: str = ""
     """Digest of the `live` probe that held for a whole bake last; "" if none was proven by a rorg that notes it."""
     earlier_run: str = ""

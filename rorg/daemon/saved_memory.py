@@ -68,6 +68,7 @@ def _progress(known: Mapping[str, Any], now: float, same_boot: bool) -> Progress
         interrupted=_count(known.get("interrupted")),
         proven=said["proven"],
         baked=said["baked"],
+        well=said["well"],
         live=said["live"],
         earlier_run=said["earlier_run"],
         run=said["loaded"] if isinstance(known.get("content"), Mapping) else "",

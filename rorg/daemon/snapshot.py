@@ -200,6 +200,7 @@ def run_json(step: Progress, now: float) -> dict[str, Any]:
         "drawn": update.drawn,
         "proven": update.proven,
         "baked": update.baked,
+        "well": update.well,
         "live": update.live,
         "earlier_run": update.earlier_run,
         "loaded": update.run,

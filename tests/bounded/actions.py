@@ -124,17 +124,17 @@ def a_restart_has_its_cause(watch: Watch) -> None:
 
 @at("begin")
 def the_same_is_not_created_again(watch: Watch) -> None:
-    """A service gets no new container while one with the same digest exists and can be used. One that ended unproven
-    cannot, while there is another that ran, to which it has no way back."""
+    """A service gets no new container while one with the same digest exists and can be used. One that ended cannot
+    while another stayed well last, to which it has no way back."""
     name, action = watch.action
     service = watch.services.get(name)
     if action.verb != "create" or service is None or service.joins or service.devices or watch.robot.desired.objects:
         return
     digest, step = action.operation.labels[LABEL_SPEC], watch.robot.memory.of(name)
     usable = [c for c in watch.robot.read.observed.of(name) if c.state not in ("dead", "removing")]
-    ran, proven = {c.id for c in usable if c.started_at}, step.update.baked in ("", step.update.edition)
-    same = [c for c in usable if c.digest == digest and not step.spent(c)]
-    same = [c for c in same if proven or c.alive or not c.started_at or not (ran - {c.id}) or c.previous in ran]
+    same, well = [c for c in usable if c.digest == digest and not step.spent(c)], step.update.well
+    if well in {c.id for c in usable}:
+        same = [c for c in same if c.alive or not c.started_at or well in (c.id, c.previous)]
     assert not same, f"{name} has a container of this digest"
 
 
