@@ -153,6 +153,7 @@ class ProcessEngine:
             self.records.clear(record)
             with launched(self.records, record) as run:
                 self._write(run)
+            self.changes.tell(container)  # only now does it run
 
     def pause(self, container: str) -> None:
         self.records.switch(self.records.read(container), "pause", signal.SIGSTOP, "running", "paused")
