@@ -92,7 +92,8 @@ def together(watch: Watch, name: str, action: Action) -> None:
     """Check a stop of one that changes together with others."""
     robot, desired = watch.robot, watch.robot.desired
     wanted, found = robot.decision.situation.wanted, {c.id: c for c in robot.engine.list()}
-    if action.reason != "changed" or name not in wanted or not found[action.container].active:
+    stopped = found.get(action.container)  # a hand may have removed it
+    if action.reason != "changed" or name not in wanted or stopped is None or not stopped.active:
         return
     if name in robot.decision.situation.restarts:
         return
