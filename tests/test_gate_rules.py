@@ -10,7 +10,7 @@ from situations import ARM, BASE, EARLIER, NOW, PROBED, RUN, SPEC, box, planned,
 
 from rorg.core.digest import Rules, labels
 from rorg.core.incremental import plan_all
-from rorg.core.memory import InFlight, Memory, Progress
+from rorg.core.memory import Attempt, InFlight, Memory, Progress
 from rorg.core.observed import LABEL_RULES, Container
 from rorg.core.operations import Pause, Start, Stop
 from rorg.core.plan import Action, printed
@@ -148,6 +148,16 @@ def test_a_task_that_was_removed_has_nothing_to_join():
     task = replace(BASE, restart="never", ready=Probe("completed", ""), idle=Idle(action="remove"))
     found = planned(task, JOINED, seen=(), known={"base": Progress(exited=RUN)}, **WANTS_ARM)
     assert found == [". wait arm base is not running (ended)"]
+
+
+@pytest.mark.parametrize("prewarmed", [frozenset(), frozenset({"arm"})], ids=["requested", "prewarmed"])
+def test_what_is_only_prewarmed_holds_back_no_removal(prewarmed):
+    old = box(id="old", name="base.1", state="exited", spec={"image": "y"})
+    arm = box("arm", "exited", JOINED.spec, joined='{"base": "old"}')
+    later = Progress(attempts={"create": Attempt(at=NOW + 9, error="no")})
+    found = planned(BASE, JOINED, seen=(box(), old, arm), known={"arm": later}, prewarmed=prewarmed)
+    assert (". wait base arm is still joined to its container" in found) is not prewarmed
+    assert ("- remove base" in found) is bool(prewarmed)
 
 
 # -- lingering -------------------------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ from functools import lru_cache
 
 from rorg.core.observed import Container
 from rorg.core.plan import Waiting
-from rorg.core.rollout import came_up_at, candidate, has_come_up, went_back
+from rorg.core.rollout import came_up_at, candidate, fits, has_come_up, went_back
 from rorg.core.situation import View
 from rorg.model.catalog import Service, Spec
 from rorg.model.joining import ends_with, resolved
@@ -135,10 +135,15 @@ def _current(view: View, name: str) -> str:
 
 
 def _coming(view: View, service: Service, name: str) -> str:
-    """Return the container that a service is about to have: the previous one if it goes back; the new one if it changes
-    together with this service, because all new containers of a set are created before any is used."""
+    """Return the container that a service is about to have; "" if that is none but the current one. It is the previous
+    one if the service goes back, or if a person took the change back; and the new one if it changes together with this
+    service, because all new containers of a set are created before any is used."""
     update = view.s.memory.of(name).update
     pair = candidate(view.of(name), update)
-    if pair is None or not (update.failed or _together(view, service, name)):
+    if pair is None:
         return ""
-    return pair[1].id if update.failed else pair[0].id
+    new, old = pair
+    taken_back = fits(old, name, view.desired) and not fits(new, name, view.desired)
+    if update.failed or taken_back:
+        return old.id
+    return new.id if _together(view, service, name) else ""

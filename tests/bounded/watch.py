@@ -12,7 +12,7 @@ from rorg.core.joining import joined_of
 from rorg.core.observed import Container
 from rorg.core.operations import Stop
 from rorg.core.plan import Action
-from rorg.core.rollout import GOING
+from rorg.core.rollout import GOING, candidate
 from rorg.core.situation import Situation
 from rorg.daemon.snapshot import Snapshots
 from rorg.model.catalog import Catalog, Request, Service
@@ -201,6 +201,7 @@ class Watch:
                 and container.digest == desired.digests.get(container.service)
                 and step.update.baked == step.update.edition != ""
                 and self._stayed_well(container.service)
+                and not self._set_is_incomplete(container)
             ):
                 self.good.add(container.id)
 
@@ -208,6 +209,16 @@ class Watch:
         """Whether this very run has stayed well for its bake: its edition may have been proven by an earlier one."""
         since, service = self.robot.memory.of(name).well_since, self.services.get(name)
         return since is not None and service is not None and self.robot.now >= since + service.update.bake
+
+    def _set_is_incomplete(self, container: Container) -> bool:
+        """Whether a container stays only if the others of its set stay well too: if not, the set goes back to what was
+        in force before its change."""
+        service = self.services.get(container.service)
+        if service is None or service.update.atomic not in self.robot.desired.sets:
+            return False
+        step = self.robot.memory.of(container.service)
+        pair = candidate(self.robot.read.observed.of(container.service), step.update)
+        return pair is not None and pair[0].id == container.id
 
     def _note_leases(self) -> None:
         """A lease begins when this rorg sees it first, and again while its requester sleeps or the engine is silent."""
