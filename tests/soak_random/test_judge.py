@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from soak_random.judge import ACTED, Answer, Event, Hand, Rules, Span, acting, false_ready, overlaps, runs_of
 from soak_random.revisions import Goal, Tried, history_faults, rollback_faults
+from soak_random.witness import Witness
+
+from rorg.core.observed import LABEL_SERVICE
 
 RULES = Rules(
     frozenset((frozenset(("nav", "map")),)),
@@ -130,6 +133,18 @@ def test_a_good_revision_of_what_never_ran_is_found():
     listed, tried = [row(2, "good", "today"), row(1, "good", "today")], {1: state(1), 2: state(2)}
     assert "nav never ran" in history_faults(listed, tried, [], 0.0)[0].what
     assert not history_faults(listed, tried, runs_of([Event(1.0, "start", "c", "nav", 2)]), 0.0)
+
+
+def test_an_end_that_nobody_told_is_withdrawn_by_what_only_a_run_does():
+    """Its removal tells nothing: what has ended is removed, too."""
+    guess = Event(5.0, "die", "c-nav", "nav")
+    for action, kept in (("destroy", True), ("start", True), ("die", False), ("pause", False), ("kill", False)):
+        witness = Witness("unix:///nowhere")
+        witness.add(guess)
+        witness._guessed["c-nav"] = guess
+        about = {LABEL_SERVICE: "nav"}
+        witness._hear({"Actor": {"Attributes": about}, "Action": action, "id": "c-nav", "timeNano": 9_000_000_000})
+        assert (guess in witness.known()) is kept, action
 
 
 def state(nav: int, *, bad: bool = False, touched: bool = False) -> Tried:

@@ -18,6 +18,8 @@ from rorg.model.units import parse_time
 AWAY = (docker.errors.DockerException, requests.RequestException, OSError, ValueError)
 """What a call of an engine that is away ends in."""
 ACTIONS = ("start", "die", "pause", "unpause", "kill", "destroy")
+RUNNING = ("die", "pause", "unpause", "kill")
+"""What happens only to a container that runs; one that has ended is removed, too."""
 
 
 class Witness:
@@ -74,7 +76,7 @@ class Witness:
             told = at, event["Action"], event["id"], about[LABEL_SERVICE], edition, about.get("signal", "")
             with self._lock:
                 guess = self._guessed.pop(event["id"], None)
-                if guess and event["Action"] != "start":  # it went on, and ended only now
+                if guess and event["Action"] in RUNNING:  # it went on, and ended only now
                     self.events.pop((guess.at, guess.container, guess.action), None)
             self.add(Event(*told))
 
