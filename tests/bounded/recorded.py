@@ -13,6 +13,7 @@ from bounded.watch import Watch
 
 from rorg.core.standing import GOOD
 from rorg.history.evidence import MOST
+from rorg.model.codes import FAILED
 
 
 def walker(watch: Watch) -> WalkRobot | None:
@@ -50,7 +51,8 @@ def no_bad_revision_is_good(watch: Watch) -> None:
 def nothing_waits_for_itself(watch: Watch) -> None:
     """At rest no services wait for one another in a ring, except for one whose program is tried again for ever."""
     services = watch.services.keys() - loops(watch)
-    waits = [w for w in watch.robot.decision.plan.waitings if w.service in services]
+    # What failed only names the member of its set on account of which it stays as it was.
+    waits = [w for w in watch.robot.decision.plan.waitings if w.service in services and w.code != FAILED]
     graph: dict[str, set[str]] = {}
     for waiting in waits:
         names = {n for n in re.findall(r"\w+", str(waiting.reason)) if n in services}
