@@ -49,7 +49,7 @@ demo: $(BIN)/rorg ## the tour-guide robot of 41 stand-in services, in under two 
 	@$(BIN)/rorg demo $(ARGS)
 
 # The tests begin hundreds of processes, in some of which the environment forbids to keep what was compiled.
-test: $(VENV)/test-installed lint types ## lint, types, and all tests but those of ROS 2; ARGS=tests/test_x.py for some
+test: $(VENV)/test-installed lint types ## lint, types, and all tests but those of ROS 2; ARGS=tests/unit for some
 	@$(BIN)/python -m compileall -q rorg clients/python
 	$(if $(ARGS),$(BIN)/pytest $(ARGS),tests/all.sh $(BIN)/pytest $(VENV)/tests)
 

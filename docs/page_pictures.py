@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 
 HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE.parent / "tests"))
+sys.path.insert(0, str(HERE.parent / "tests/support"))
 from page_browser import Ui, Watched, browser  # noqa: E402
 from rorg_client import Client  # noqa: E402
 

@@ -5,32 +5,25 @@ from __future__ import annotations
 import fcntl
 import os
 import random
-import select
 import shutil
 import signal
-import socket
 import subprocess
 import sys
-import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import hypothesis
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-
 import witnesses
+from common import ROOT, SUPPORT, no_docker, run_in_container
 from cpp_program import SANITIZERS, WARNINGS, compile_all
 
 if TYPE_CHECKING:
     from dockerd import Dockerd
     from ros2_programs import Ros2
 
-ROOT = Path(__file__).parent.parent
 OURS = "RORG_TEST_", "RORG_PROOF_"
 for _name in [name for name in os.environ if name.startswith("RORG_") and not name.startswith(OURS)]:
     del os.environ[_name]  # of whoever runs the tests: they are about robots of their own
@@ -39,7 +32,6 @@ os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).resolve().parent)
 # Begun in the background of a shell, SIGINT is ignored, also by all that the tests start.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
-BASE_IMAGE = "rorg-base"
 _ran: Counter[str] = Counter()
 
 # Everyone meets new examples in each run, CI too: what a user would find, CI finds first. There is no deadline, because
@@ -66,45 +58,6 @@ def pytest_configure(config):
         raise KeyboardInterrupt("SIGTERM")
 
     signal.signal(signal.SIGTERM, end)
-
-
-@contextmanager
-def alone_on_the_machine(what: str) -> Iterator[None]:
-    """Other runs of these tests that need it wait: a port that cannot be chosen, and the like."""
-    with Path(f"/tmp/rorg-tests-{what}.lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        yield
-
-
-def wait_for(condition, seconds: float = 60.0, what: str = "the condition"):
-    """Polls a condition with a deadline; returns its first true value."""
-    deadline = time.monotonic() + seconds
-    while time.monotonic() < deadline:
-        value = condition()
-        if value:
-            return value
-        time.sleep(0.005)
-    raise AssertionError(f"not within {seconds} s: {what}")
-
-
-def readable(descriptor: int, seconds: float = 0.0) -> bool:
-    """Whether something can be read within this time, the end included. Unlike select, poll takes any descriptor."""
-    poll = select.poll()
-    poll.register(descriptor, select.POLLIN)
-    return bool(poll.poll(seconds * 1000))
-
-
-def free_port() -> int:
-    """A TCP port that nobody uses now."""
-    with socket.create_server(("127.0.0.1", 0)) as found:
-        return found.getsockname()[1]
-
-
-def no_docker(reason: str):
-    """A test that cannot run for want of an engine: a failure where the engine should have been brought."""
-    if os.environ.get("RORG_TEST_REQUIRE_DOCKER"):
-        pytest.fail(f"a Docker engine is required here: {reason}")
-    pytest.skip(f"NO DOCKER ENGINE: {reason}")
 
 
 @pytest.fixture(scope="session")
@@ -147,7 +100,7 @@ def dds_image(dockerd) -> str:
     """An image with a talker and a listener of ROS 2's wire, on the Fast DDS of Debian's packages."""
     from debian_images import bring
 
-    return bring(dockerd.host, ROOT / "tests/ros_nodes/dds", "dds-nodes")
+    return bring(dockerd.host, SUPPORT / "ros_nodes/dds", "dds-nodes")
 
 
 @pytest.fixture(scope="session")
@@ -197,7 +150,7 @@ def package(dockerd, ros_image, tmp_path_factory):
     """The install space of the package, built by catkin; and a caller in C++."""
     out = tmp_path_factory.mktemp("package") / "out"
     out.mkdir()
-    binds = [f"{ROS_PACKAGE}:/package:ro", f"{out}:/out", f"{ROOT / 'tests/ros_nodes'}:/nodes:ro"]
+    binds = [f"{ROS_PACKAGE}:/package:ro", f"{out}:/out", f"{SUPPORT / 'ros_nodes'}:/nodes:ro"]
     run_in_container(dockerd.host, ros_image, BUILD, binds)
     return out
 
@@ -222,20 +175,6 @@ def ros2(dockerd, tmp_path_factory) -> Iterator[Ros2]:
     run_in_container(dockerd.host, image, BUILD_ROS2, binds)
     with domain_of_its_own() as domain:
         yield Ros2(dockerd.host, image, out, domain, mounts, ("/entry",) if own else ())
-
-
-def run_in_container(host: str, image: str, script: str, binds: list[str]) -> None:
-    """Runs a script of bash to its end; fails with what it says where that is not well."""
-    import docker
-
-    api = docker.APIClient(host, version="auto")
-    options = api.create_host_config(network_mode="host", binds=binds)
-    made = api.create_container(image, ["bash", "-c", script], host_config=options)["Id"]
-    api.start(made)
-    code = api.wait(made)["StatusCode"]
-    said = api.logs(made).decode()
-    api.remove_container(made)
-    assert code == 0, said
 
 
 @pytest.fixture(scope="session")

@@ -29,7 +29,7 @@ from typing import Any
 
 import contended
 import psutil
-from conftest import wait_for
+from common import wait_for
 from contention_robot import CORES, FAVOUR, FOREGROUND, PATIENCE, START_WORK, AllOn, Robot, Rorg, Script, Stop, tour_of
 from dockerd import Dockerd, clean_up, import_base
 from foreground import PERIOD, RECORD

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from conftest import BASE_IMAGE, wait_for
+from common import BASE_IMAGE, wait_for
 from rorg_process import RorgProcess
 
 from rorg.core.prediction import learn
@@ -114,7 +114,7 @@ class Robot:
         one = {"image": BASE_IMAGE, "network_mode": "host", "init": True}
         if name in FOREGROUND:
             where = "/run/contention/control" if name == "control" else str(self.ports[name])
-            volumes = [f"{ROOT}/tests/programs:/programs:ro", f"{folder}:/run/contention"]
+            volumes = [f"{ROOT}/tests/support/programs:/programs:ro", f"{folder}:/run/contention"]
             return {**one, "command": ["python3", "/programs/foreground.py", name, where], "volumes": volumes}
         service, start = self.catalog.services[name], self.workload.of(name).start
         seconds = start.mean if start else 0.0

@@ -29,7 +29,7 @@ from typing import Any
 import programmed
 from programmed import HERE, IMAGE
 
-sys.path.insert(0, str(HERE.parents[1] / "tests"))
+sys.path.extend(str(HERE.parents[1] / name) for name in ("tests/support", "images/rorg"))
 
 import docker
 from debian_images import bring, bring_ros2

@@ -2,7 +2,7 @@
 simulator off? Writes recorded.json, from which evaluate.py makes the tables. As root, in a quarter of an hour.
 
 `recorded.py [--anyway FILE] [NAME...]`: a machine that does something else is refused, unless the result goes to
-another file. Names choose parts. It needs tests/ in PYTHONPATH."""
+another file. Names choose parts. `make recorded` sets the PYTHONPATH that it needs."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Draws the imports between the rooms of rorg into architecture.md: `import_graph.py [--check]`.
 
-`read_imports` is the only reader of imports; tests/test_layers.py uses it to check the rules of the rooms.
+`read_imports` is the only reader of imports; tests/project/test_layers.py uses it to check the rules of the rooms.
 """
 
 from __future__ import annotations

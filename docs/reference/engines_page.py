@@ -17,7 +17,8 @@ COLUMNS = (
 ABOUT = """# Engines
 
 rorg runs services on Docker, on Podman through Docker's API, or as [plain processes](../how-to/processes.md). The table
-says what rorg needs of an engine, and which engine has it. A test tries each cell (`tests/test_engine_needs.py`).
+says what rorg needs of an engine, and which engine has it. A test tries each cell
+(`tests/engines/test_engine_needs.py`).
 
 - **yes**: the engine does it.
 - **no: `engine-lacks`**: the engine ignores or refuses it. `rorg validate --machine` says so at the place in the

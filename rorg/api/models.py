@@ -1,5 +1,5 @@
 """What the API answers, as pydantic models, which are in the OpenAPI document too. Answers are not validated by them
-when they are sent, for speed; tests/test_api_schema.py checks that they match."""
+when they are sent, for speed; tests/process/test_api_schema.py checks that they match."""
 
 from __future__ import annotations
 

@@ -8,10 +8,7 @@ import sys
 import time
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parent.parent))
-
-from conftest import *  # noqa: F403 - the engines of the test suite
-from conftest import BASE_IMAGE, ROOT, wait_for
+from common import BASE_IMAGE, ROOT, wait_for
 from cpp_program import compile_all
 from robots import WORK, RealRobot, write_tree
 

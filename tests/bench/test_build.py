@@ -4,16 +4,10 @@ one."""
 from __future__ import annotations
 
 import os
-import sys
 import time
-from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent.parent))
-
-from conftest import *  # noqa: F403 - the engines of the test suite
-from conftest import BASE_IMAGE
+from common import BASE_IMAGE
 from image_trees import Place, images, orders_of
 
 TURNS = 8

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import psutil
 import pytest
-from conftest import wait_for
+from common import wait_for
 from robots import Daemon, RealRobot, write_tree
 from rows import Row, Table
 

@@ -4,18 +4,12 @@ from __future__ import annotations
 
 import shutil
 import statistics
-import sys
 import time
-from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-sys.path.insert(0, str(Path(__file__).parent.parent))
-
+from command_times import ENVIRONMENT, RORG, measure
 from histories import owned, wall
 from rorg_process import RorgProcess
-from test_commands import ENVIRONMENT, RORG, measure
 
 from rorg.history.database import Database
 from rorg.history.journal import ABOUT, ENTRY, Filter, Journal, checksum

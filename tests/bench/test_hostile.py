@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
 from statistics import median
-
-sys.path.insert(0, str(Path(__file__).parent.parent))
-sys.path.insert(0, str(Path(__file__).parent.parent / "hostile"))
 
 import pytest
 from floods import FLOODS
-from test_server_limits import beside, robot  # noqa: F401
+from limited_server import beside, robot  # noqa: F401
 
 
 @pytest.mark.parametrize("kind", FLOODS)

@@ -1,21 +1,16 @@
-"""The long version of tests/test_cycles.py: CYCLES of each program (3400 by default; on Docker a tenth), printed.
-rorg is left alone, stopped and killed, and its own container is upgraded."""
+"""The long version of tests/docker/test_work_cycles.py: CYCLES of each program (3400 by default; on Docker a tenth),
+printed. rorg is left alone, stopped and killed, and its own container is upgraded."""
 
 from __future__ import annotations
 
 import os
-import sys
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).parent.parent))
 
 import docker
 import pytest
-from conftest import *  # noqa: F403 - the engines of the test suite
+from cycle_robot import daemon, programs  # noqa: F401
 from cycles import SERVICES, Restarts, cycle
 from robots import RealRobot, write_tree
 from rorg_client import Client
-from test_cycles import daemon, programs  # noqa: F401
 
 CYCLES = int(os.environ.get("CYCLES", "3400"))
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import psutil
 import pytest
-from conftest import wait_for
+from common import wait_for
 from page_browser import Ui, Watched, browser
 from rorg_process import RorgProcess
 

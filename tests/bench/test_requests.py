@@ -7,7 +7,7 @@ import statistics
 
 import docker
 import pytest
-from conftest import BASE_IMAGE, wait_for
+from common import BASE_IMAGE, wait_for
 from robots import WORK
 from rorg_process import RorgProcess
 from rows import Row, Side, Table, alternating, milliseconds, states

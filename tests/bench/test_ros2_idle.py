@@ -6,16 +6,12 @@ ROUNDS of each, 15 by default. The node has a timer of 20 Hz, which goes on whil
 from __future__ import annotations
 
 import os
-import sys
 import time
 from pathlib import Path
 from statistics import median
 
-sys.path.insert(0, str(Path(__file__).parent.parent))
-
 import docker
-from conftest import *  # noqa: F403 - the engines of the test suite
-from conftest import wait_for
+from common import wait_for
 from robots import Daemon, RealRobot, write_tree
 from ros2_programs import Ros2
 

@@ -4,17 +4,11 @@
 from __future__ import annotations
 
 import json
-import sys
 import time
 from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent.parent))
-
-
-from conftest import *  # noqa: F403 - the engines of the test suite
-from conftest import wait_for
+from common import wait_for
 from ros2_programs import Hand, Ros2
 
 SETTLE = 15.0

@@ -9,7 +9,7 @@ import time
 from dataclasses import replace
 from resource import RUSAGE_CHILDREN, getrusage
 
-from conftest import ROOT
+from common import ROOT
 
 from rorg.manifest.load import load_or_raise
 from rorg.model.catalog import Catalog

@@ -19,7 +19,7 @@ from typing import Any
 
 import psutil
 import pytest
-from conftest import BASE_IMAGE, wait_for
+from common import BASE_IMAGE, wait_for
 from robots import WORK, write_tree
 from rorg_process import RorgProcess
 from rows import Row, Side, Table, alternating, milliseconds, states

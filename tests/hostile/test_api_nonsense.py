@@ -13,36 +13,13 @@ from contextlib import closing
 from urllib.parse import quote
 
 import pytest
-from conftest import ROOT
+from api_nonsense import BODIES, FIELDS, MANIFEST, NO_HTTP, ROUTES, SERVICES, answered, connected
 from fuzzing import Case, fuzz
 from mutations import VALUES, WORDS, mutated_text, mutated_value
 from robots import RealRobot
 
-PATHS = json.loads((ROOT / "schemas/openapi.json").read_text())["paths"]
-ROUTES = [(method.upper(), path, route) for path, methods in PATHS.items() for method, route in methods.items()]
-SERVICES = {
-    "camera": {"always_on": True, "may_request": ["lidar"], "may_restart": ["lidar"], "may_manage": ["nav-*"]},
-    "lidar": {},
-}
-MANIFEST = """\
-apiVersion: rorg/v1
-kind: Service
-metadata: {name: nav-one, description: one}
-spec: {image: base, command: [sleep, "1000"], needs: [lidar], idle: {action: stop, linger: 1s}, ready: {log: "^up$"}}
-"""
-BODIES = [
-    {"services": ["lidar"], "reason": "a visitor", "priority": 50, "ttl": "10s"},
-    {"services": ["eyes"], "duration": "10m", "reason": "x"},
-    {"duration": "1s", "reason": "maintenance"},
-    {"services": ["old"]},
-    {"text": MANIFEST, "base": None, "message": "one more"},
-]
 NAMES = ("camera", "lidar", "eyes", "developer", "nav-one", "unknown", "tour", "1", "80", "99999", "Service", "Group")
 NUMBERS = ("0", "1", "-1", "0.01", "nan", "inf", "1e400", "9" * 5000, "true", "", " ", "\0", "x")
-FIELDS = {"type", "title", "status", "code", "cause", "remedy"}
-NO_HTTP = b"Invalid HTTP request received."
-ANSWER = 10.0
-"""Seconds to wait for an answer at the most."""
 
 
 class Told(logging.Handler):
@@ -82,13 +59,6 @@ def told(robot) -> Iterator[Told]:
         logger.setLevel(level)
 
 
-def connected(robot, service: str = "") -> socket.socket:
-    found = socket.socket(socket.AF_UNIX)
-    found.settimeout(ANSWER)
-    found.connect(robot.socket(service))
-    return found
-
-
 def body_of(chance: random.Random) -> bytes:
     value = mutated_value(copy.deepcopy(chance.choice(BODIES)), chance)
     if isinstance(value, dict) and isinstance(value.get("text"), str) and chance.random() < 0.7:
@@ -125,15 +95,6 @@ def asking(chance: random.Random) -> tuple[str, bytes]:
         headers.append(f"rorg-not-before: {chance.choice(NUMBERS).strip() or 0}".replace("\0", "0"))
     head = "\r\n".join([f"{method} {address}?{'&'.join(queries)} HTTP/1.1", "host: x", "connection: close", *headers])
     return f"{method} {path}", head.encode(errors="replace") + b"\r\n\r\n" + body
-
-
-def answered(connection: socket.socket) -> tuple[int, bytes]:
-    """Status and body of the one answer of a connection; 0 where there is none."""
-    text = b""
-    while more := connection.recv(1 << 20):
-        text += more
-    head, _, body = text.partition(b"\r\n\r\n")
-    return int(head.split(b" ")[1]) if head.startswith(b"HTTP/1.1 ") else 0, body
 
 
 @pytest.mark.fuzz

@@ -7,7 +7,7 @@ import socket
 import threading
 
 import pytest
-from conftest import wait_for
+from common import wait_for
 from http_message import read_message
 from robots import RealRobot
 

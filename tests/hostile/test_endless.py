@@ -14,7 +14,7 @@ from contextlib import contextmanager
 
 import psutil
 import pytest
-from conftest import BASE_IMAGE, wait_for
+from common import BASE_IMAGE, wait_for
 from hosts import HTTP, XML, Host, answer, said
 from robots import WORK
 

@@ -9,7 +9,7 @@ import tracemalloc
 from collections.abc import Iterator
 
 import pytest
-from conftest import BASE_IMAGE
+from common import BASE_IMAGE
 from robots import WORK
 
 from rorg.core.observed import LABEL_OWNER, LABEL_SERVICE

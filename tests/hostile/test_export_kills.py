@@ -6,8 +6,8 @@ import itertools
 from pathlib import Path
 
 import pytest
+from killed_commands import files, run
 from robots import write_tree
-from test_import_kills import files, run
 
 COMMAND = ("export", "compose", "tree", "--output", "out/compose.yaml")
 

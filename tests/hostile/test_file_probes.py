@@ -8,7 +8,7 @@ import threading
 import time
 
 import pytest
-from conftest import wait_for
+from common import wait_for
 
 from rorg.host.container_root import MOST_DEPTH, modified
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import guided_servers  # noqa: F401 - it adds its targets
 import pytest
-from conftest import ROOT
+from common import ROOT
 from fuzzing import HUNG, MOST_CPU, MOST_MEMORY, Figures, ended_after, measured
-from guided_fuzzing import NAMES
-from guided_targets import TARGETS, Target, make
+from guided import guided_servers  # noqa: F401 - it adds its targets
+from guided.guided_fuzzing import NAMES
+from guided.guided_targets import TARGETS, Target, make
 
 CASES = sorted((ROOT / "tests/cases/fuzz").glob("*/*"))
 

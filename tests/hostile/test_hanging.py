@@ -9,7 +9,7 @@ from pathlib import Path
 
 import psutil
 import pytest
-from conftest import free_port, wait_for
+from common import free_port, wait_for
 from hosts import HTTP, XML, Host
 from robots import Daemon, write_tree
 

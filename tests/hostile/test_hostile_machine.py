@@ -12,8 +12,8 @@ from typing import Any
 
 import psutil
 import pytest
+from common import wait_for
 from computers import Computer, Team
-from conftest import wait_for
 from hosts import Host, with_certificate
 from rorg_client import Client, Error
 

@@ -4,31 +4,16 @@ from __future__ import annotations
 
 import itertools
 import os
-from pathlib import Path
 
-import commands
 import pytest
+from killed_commands import files, run
 
-KILLED = str(Path(__file__).with_name("import_killed_at.py"))
 COMPOSE = """\
 services:
   nav: {image: x, secrets: [token]}
   lidar: {image: y, build: {dockerfile_inline: "FROM z"}}
 secrets: {token: {environment: HOME}}
 """
-
-
-def run(folder: Path, *words: str) -> int:
-    with (folder / "log").open("w") as log:
-        process = commands.Forked([*words], cwd=folder, stdout=log, stderr=log, program=KILLED)
-        try:
-            return process.wait(90)
-        finally:
-            process.kill()
-
-
-def files(tree: Path) -> dict[str, str]:
-    return {str(p.relative_to(tree)): p.read_text() for p in sorted(tree.rglob("*")) if p.is_file()}
 
 
 @pytest.fixture

@@ -11,14 +11,14 @@ from pathlib import Path
 
 import commands
 import pytest
-from conftest import wait_for
+from common import SUPPORT, wait_for
 from rorg_process import RorgProcess
 
 from rorg.api.manifest_change import ManifestChange, recover
 from rorg.client import Error, Unreachable
 from rorg.store.files import clear_leftovers
 
-KILLED = str(Path(__file__).with_name("killed_at.py"))
+KILLED = str(SUPPORT / "programs/killed_at.py")
 NEVER = 99
 """More steps than a change has."""
 NUMBERS = '{"file": 1, "before": 2, "after": 3, "message": 4, "author": 5}'

@@ -8,9 +8,9 @@ import ssl
 import subprocess
 from pathlib import Path
 
-from conftest import free_port, wait_for
+from certificates import certificate
+from common import free_port, wait_for
 from rorg_process import RorgProcess
-from test_deployment import certificate
 
 CONFIG = """[ca]
 default_ca = here

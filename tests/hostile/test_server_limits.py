@@ -6,7 +6,6 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import resource
 import socket
 import ssl
 import time
@@ -16,12 +15,11 @@ from statistics import median
 
 import psutil
 import pytest
-from conftest import free_port, wait_for
-from floods import FLOODS, answer, asking, connect, flood, flooding
+from common import wait_for
+from floods import FLOODS, answer, asking, connect, flood
 from histories import owned, write_many
+from limited_server import FILES, beside, robot  # noqa: F401
 from robots import RealRobot
-from rorg_process import RorgProcess
-from test_deployment import certificate
 
 from rorg.api import limits
 from rorg.api.cpu_share import in_threads
@@ -33,63 +31,8 @@ from rorg.model.catalog import Catalog, Request, Service
 from rorg.store import requests_limits
 from rorg.store.committer import MOST_OF_ONE, Turns
 
-FILES = 700
-"""Descriptors of the rorg of these tests."""
-MOST_MEMORY = 150 << 20
-TREE = {
-    "alpha": {"always_on": True, "may_request": ["camera"]},
-    "beta": {"always_on": True, "may_request": ["camera"]},
-    "gamma": {"always_on": True, "may_request": ["camera"]},
-    "camera": {},
-    "probed": {"ready": {"tcp": 9}},
-    "lidar": {"idle": {"action": "pause", "linger": 0}},
-    **{f"other-{n}": {} for n in range(40)},
-}
 
-
-class Robot(RorgProcess):
-    """Also on TCP, with few descriptors and a long journal."""
-
-    def begin(self) -> Robot:
-        (self.state).mkdir()
-        message = "x" * 500
-        write_many(self.state / "journal.db", 12_000, message=message, service="alpha")
-        self.start(preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (FILES, FILES)))
-        self.client(patience=60).wait("alpha", "beta", "gamma", timeout=60)
-        return self
-
-    @property
-    def memory(self) -> int:
-        return psutil.Process(self.process.pid).memory_info().rss
-
-    def log(self) -> int:
-        """Bytes that it has said."""
-        return (self.folder / "rorg.log").stat().st_size
-
-    def others(self) -> None:
-        """A person and another service are answered, and what is changed is acted on."""
-        with self.client(patience=20).request("camera", wait=20):
-            assert self.client("beta", patience=20).service("camera")["state"] == "running"
-        assert self.memory < MOST_MEMORY
-
-
-@pytest.fixture(scope="module")
-def robot(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("robot")
-    for name, authority in (("ca", ""), ("server", "ca"), ("laptop", "ca")):
-        certificate(folder, name, authority)
-    port = free_port()
-    files = {"--tls-cert": "server.pem", "--tls-key": "server.key", "--tls-ca": "ca.pem"}
-    options = [part for option, name in files.items() for part in (option, str(folder / name))]
-    found = Robot(folder, TREE, "--listen", f"127.0.0.1:{port}", *options)
-    found.port = port
-    try:
-        yield found.begin()
-    finally:
-        found.close()
-
-
-def over_tls(robot) -> dict:
+def over_tls(robot) -> dict:  # noqa: F811
     context = ssl.create_default_context(cafile=str(robot.folder / "ca.pem"))
     context.load_cert_chain(robot.folder / "laptop.pem", robot.folder / "laptop.key")
     plain = socket.create_connection(("127.0.0.1", robot.port), timeout=20)
@@ -112,7 +55,7 @@ def many(count: int, opening):
 # -- too many ----------------------------------------------------------------------------------------------------
 
 
-def test_silent_peers_on_tcp_take_no_descriptor_that_the_loop_needs(robot):
+def test_silent_peers_on_tcp_take_no_descriptor_that_the_loop_needs(robot):  # noqa: F811
     client = robot.client(patience=20)
     with many(FILES + 100, lambda: socket.create_connection(("127.0.0.1", robot.port))):
         before = client.service("gamma")
@@ -124,7 +67,7 @@ def test_silent_peers_on_tcp_take_no_descriptor_that_the_loop_needs(robot):
     robot.others()
 
 
-def test_nobody_gets_more_than_half_of_the_room_that_is_left(robot):
+def test_nobody_gets_more_than_half_of_the_room_that_is_left(robot):  # noqa: F811
     alpha, gamma = (lambda n=name: connect(robot.socket(n)) for name in ("alpha", "gamma"))
     with many(250, alpha), many(250, gamma), many(250, lambda: connect(robot.socket())):
         robot.others()
@@ -132,7 +75,7 @@ def test_nobody_gets_more_than_half_of_the_room_that_is_left(robot):
     robot.client("alpha", patience=20).services()
 
 
-def test_out_of_descriptors_it_goes_on_when_there_are_some_again(robot):
+def test_out_of_descriptors_it_goes_on_when_there_are_some_again(robot):  # noqa: F811
     process = psutil.Process(robot.process.pid)
     robot.others()
     wait_for(lambda: robot.client().service("camera")["state"] != "running")
@@ -178,7 +121,7 @@ HEAD = b"GET /v1/services HTTP/1.1\r\nhost: x\r\n"
     ],
     ids=["path", "header", "headers", "no HTTP", "body", "chunks"],
 )
-def test_what_is_too_much_is_refused_in_words(robot, said, status):
+def test_what_is_too_much_is_refused_in_words(robot, said, status):  # noqa: F811
     with connect(robot.socket("alpha")) as connection:
         connection.sendall(said)
         head, _, body = answer(connection).partition(b"\r\n\r\n")
@@ -187,7 +130,7 @@ def test_what_is_too_much_is_refused_in_words(robot, said, status):
     robot.others()
 
 
-def test_requests_that_wait_behind_others_are_few(robot):
+def test_requests_that_wait_behind_others_are_few(robot):  # noqa: F811
     with connect(robot.socket("alpha")) as connection:
         wait = asking("GET", "/v1/wait?services=other-1&timeout=20")
         connection.sendall(wait + HEAD.join([b"", *[b"\r\n"] * 50]))
@@ -198,7 +141,7 @@ def test_requests_that_wait_behind_others_are_few(robot):
     robot.others()
 
 
-def test_a_refused_body_without_end_is_hung_up_on(robot):
+def test_a_refused_body_without_end_is_hung_up_on(robot):  # noqa: F811
     with connect(robot.socket("alpha")) as connection:
         connection.sendall(asking("PUT", "/v1/requests/x", content_length=str(1 << 40)))
         with pytest.raises(ConnectionError):
@@ -206,7 +149,7 @@ def test_a_refused_body_without_end_is_hung_up_on(robot):
     robot.others()
 
 
-def test_bodies_that_never_end_are_few(robot):
+def test_bodies_that_never_end_are_few(robot):  # noqa: F811
     """Of one service; each is kept as far as it has come."""
     half = asking("PUT", "/v1/manifests/Service/x", content_length=str(limits.MOST_BODY)) + b" " * 900_000
 
@@ -222,7 +165,7 @@ def test_bodies_that_never_end_are_few(robot):
 
 
 @pytest.mark.parametrize("path", ["/v1/services", "/v1/events?cursor=0", "/v1/events?cursor=0&follow=true"])
-def test_answers_that_nobody_reads_are_not_kept(robot, path):
+def test_answers_that_nobody_reads_are_not_kept(robot, path):  # noqa: F811
     with many(100, lambda: connect(robot.socket("alpha"))) as deaf:
         for connection in deaf:
             with contextlib.suppress(OSError):
@@ -231,7 +174,7 @@ def test_answers_that_nobody_reads_are_not_kept(robot, path):
     robot.others()
 
 
-def test_all_of_a_long_journal_is_told_to_who_reads_it(robot):
+def test_all_of_a_long_journal_is_told_to_who_reads_it(robot):  # noqa: F811
     told = [entry["seq"] for entry in robot.client(timeout=60).events(cursor=0)]
     assert told == list(range(1, told[-1] + 1))
     assert told[-1] > 12000
@@ -241,7 +184,7 @@ def test_all_of_a_long_journal_is_told_to_who_reads_it(robot):
 
 
 @pytest.mark.parametrize("kind", ["reads", "changes", "unknown names", "no HTTP"])
-def test_a_service_that_floods_is_told_to_wait_and_others_are_not(robot, kind):
+def test_a_service_that_floods_is_told_to_wait_and_others_are_not(robot, kind):  # noqa: F811
     said, began = robot.log(), time.monotonic()
     with flood(robot.socket("alpha"), FLOODS[kind]) as statuses:
         wait_for(lambda: kind in ("no HTTP", "reads") or 429 in statuses, 30)
@@ -253,7 +196,7 @@ def test_a_service_that_floods_is_told_to_wait_and_others_are_not(robot, kind):
         wait_for(lambda: (connection.sendall(FLOODS["reads"](0)), answer(connection)[9:12] == b"200")[1], 10)
 
 
-def test_who_asks_too_often_hears_when_to_come_again(robot):
+def test_who_asks_too_often_hears_when_to_come_again(robot):  # noqa: F811
     def asked() -> bytes:
         connection.sendall(FLOODS["reads"](0))
         return answer(connection)
@@ -268,31 +211,14 @@ def test_who_asks_too_often_hears_when_to_come_again(robot):
 
 
 @pytest.mark.parametrize("kind", ["reads", "changes"])
-def test_a_request_is_acted_on_nearly_as_soon_beside_a_flood(robot, kind):
+def test_a_request_is_acted_on_nearly_as_soon_beside_a_flood(robot, kind):  # noqa: F811
     """In turns, so that both have the same machine. What is left for chance is much, since a machine whose cores are
     busy makes both wait for their turn (tests/bench has the figure)."""
     quiet, loud = beside(robot, kind, rounds=3, each=6)
     assert median(loud) < 4 * median(quiet) + 0.5
 
 
-def beside(robot, kind: str, rounds: int, each: int) -> tuple[list[float], list[float]]:
-    """Seconds from a person's request to ready, without and with a service that floods."""
-    client = robot.client(patience=60)
-
-    def cycle() -> float:
-        began = time.monotonic()
-        with client.request("lidar", wait=30):
-            return time.monotonic() - began
-
-    quiet, loud = list[float](), list[float]()
-    for _ in range(rounds):
-        quiet += [cycle() for _ in range(each)]
-        with flooding(robot.socket("alpha"), kind):
-            loud += [cycle() for _ in range(each)]
-    return quiet, loud
-
-
-def test_what_speaks_no_tls_is_not_logged(robot):
+def test_what_speaks_no_tls_is_not_logged(robot):  # noqa: F811
     said = robot.log()
     for _ in range(100):
         with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", robot.port)) as connection:
@@ -302,12 +228,12 @@ def test_what_speaks_no_tls_is_not_logged(robot):
     assert robot.log() - said < 5000, "a line of each would be more"
 
 
-def test_a_handshake_that_does_not_end_is_ended(robot):
+def test_a_handshake_that_does_not_end_is_ended(robot):  # noqa: F811
     with socket.create_connection(("127.0.0.1", robot.port), timeout=limits.HANDSHAKE + 20) as connection:
         assert connection.recv(100) == b""
 
 
-def test_it_ends_at_once_whoever_calls(robot):
+def test_it_ends_at_once_whoever_calls(robot):  # noqa: F811
     """The last one: the others share this rorg."""
     silent = many(100, lambda: socket.create_connection(("127.0.0.1", robot.port)))
     with silent, flood(robot.socket("alpha"), FLOODS["changes"]), flood(robot.socket("gamma"), FLOODS["reads"]):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from conftest import BASE_IMAGE, wait_for
+from common import BASE_IMAGE, wait_for
 from robots import write_tree
 
 from rorg.core.observed import LABEL_OWNER, LABEL_SERVICE

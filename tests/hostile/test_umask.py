@@ -15,7 +15,7 @@ import tempfile
 from pathlib import Path
 
 import pytest
-from conftest import wait_for
+from common import wait_for
 from robots import write_tree
 
 from rorg.client import Client

@@ -1,4 +1,4 @@
-"""Records what Compose creates of each case: CASE/inspect.json, in the form of tests/agreement.py.
+"""Records what Compose creates of each case: CASE/inspect.json, in the form of tests/support/agreement.py.
 
 Usage: COMPOSE=/path/to/docker-compose python tests/cases/compose/record_inspect.py [CASE...]
 
@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 CASES = Path(__file__).parent
-sys.path.insert(0, str(CASES.parent.parent))
+sys.path.insert(0, str(CASES.parents[1] / "support"))
 
 import agreement  # noqa: E402
 from dockerd import Dockerd, import_base  # noqa: E402

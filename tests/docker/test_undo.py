@@ -1,0 +1,191 @@
+"""Undo can be trusted: what history says of a revision is so, and `rorg rollback` leads to what was proven."""
+
+from __future__ import annotations
+
+import shlex
+
+import pytest
+from robots import WORK, RealRobot, write_tree
+from rolled_back import git, revisions, rorg, stands
+
+WELL = f"exec {shlex.join(WORK)}"
+ENDS = "exit 7"
+AT = "2026-01-01T00:00:05Z"
+POLICY = {"robot": {"updates": {"bake": "100ms"}}}
+
+
+class Mounted(RealRobot):
+    """A robot in git whose `nav` runs a script that it mounts; nothing is always on."""
+
+    def begin(self) -> None:
+        (self.tree.parent / "manifests").symlink_to(self.tree)
+        self.tree.mkdir(exist_ok=True)
+        git(self, "init", "--quiet")
+        script = "/conf/start.sh" if self.kind == "docker" else self.tree / "services/nav/start.sh"
+        nav = {"command": ["sh", str(script)], "mounts": ["./nav:/conf"]}
+        (self.tree / "services/nav").mkdir(parents=True)
+        write_tree(self.tree, {"nav": nav, "other": {}}, policies=POLICY)
+        self.first = self.save(WELL)
+        self.start()
+        self.request("nav")
+        stands(self, self.first, "good")
+
+    def save(self, script: str) -> str:
+        """Commits the mounted script; the commit."""
+        (self.tree / "services/nav/start.sh").write_text(script)
+        git(self, "add", ".")
+        git(self, "commit", "--quiet", "--message", "bad" if script.endswith(ENDS) else "well")
+        return git(self, "rev-parse", "HEAD")
+
+    def rollback(self, *words: str, code: int = 0) -> str:
+        return rorg(self, "rollback", *words, code=code, RORG_ENGINE=self.kind)
+
+    def history(self) -> dict[int, str]:
+        return {r.number: r.standing for r in revisions(self)}
+
+
+@pytest.fixture(params=["process", pytest.param("docker", marks=pytest.mark.docker)])
+def mounted(request, tmp_path):
+    host = request.getfixturevalue("dockerd").host if request.param == "docker" else None
+    robot = Mounted(tmp_path, request.param, host, with_server=True)
+    robot.begin()
+    yield robot
+    robot.close()
+
+
+def test_a_bad_mounted_file_is_rolled_back(mounted):
+    bad = mounted.save(ENDS)
+    stands(mounted, bad, "failed")
+    assert "git -C" in mounted.rollback("--print")
+    said = mounted.rollback("--yes", "--wait")
+    assert "files that change: services/nav/start.sh" in said
+    assert git(mounted, "log", "-1", "--format=%s") == f"Roll back to 1 ({mounted.first[:12]}): well"
+    stands(mounted, git(mounted, "rev-parse", "HEAD"), "good")
+    assert (mounted.tree / "services/nav/start.sh").read_text() == WELL
+
+
+def test_the_plan_of_a_rollback_shows_changed_files_of_what_runs(mounted):
+    second = mounted.save(f"# slower\n{WELL}")
+    stands(mounted, second, "good")
+    said = mounted.rollback("1", "--yes")
+    assert "nav" in said
+    assert "changed: services/nav" in said
+    assert "No differences" not in said
+
+
+def test_of_many_revisions_that_differ_in_a_file_the_last_proven_one_comes_back(mounted):
+    """Once it went back past all of them, to a known crash loop."""
+    for number in (2, 3, 4):
+        stands(mounted, mounted.save(f"# {number}\n{WELL}"), "good")
+    stands(mounted, mounted.save(ENDS), "failed")
+    mended = mounted.save(f"# 6\n{WELL}")
+    stands(mounted, mended, "good")
+    stands(mounted, mounted.save(f"# 7\n{ENDS}"), "failed")
+    mounted.rollback("--yes")
+    assert git(mounted, "log", "-1", "--format=%s").startswith(f"Roll back to 6 ({mended[:12]})")
+
+
+def test_a_release_repairs_nothing(mounted):
+    bad = mounted.save(ENDS)
+    stands(mounted, bad, "failed")
+    number = revisions(mounted)[0].number
+    mounted.release()
+    mounted.wait(lambda: mounted.quiet() and not mounted.requests())
+    passes = mounted.loop.passes
+    mounted.loop.wake()
+    mounted.wait(lambda: mounted.loop.passes > passes + 1 or not mounted.loop.wake())
+    mounted.stop()
+    mounted.start()
+    mounted.wait(lambda: mounted.loop.decision is not None and mounted.loop.tree.standing is not None)
+    assert mounted.loop.tree.standing.code == "failed"
+    assert mounted.history()[number] == "failed"
+
+
+def test_what_was_good_and_then_fails_says_so(mounted):
+    """Its program needs a file that somebody takes away."""
+    marker = mounted.tree.parent / "marker"
+    marker.write_text("")
+    place = "/marker/marker" if mounted.kind == "docker" else marker
+    spec = {
+        "always_on": True,
+        "command": ["sh", "-c", f"test -e {place} || exit 3; {WELL}"],
+        "container": {"volumes": [f"{marker.parent}:/marker"]},
+    }
+    write_tree(mounted.tree, {"nav": {}, "other": spec}, policies=POLICY)
+    git(mounted, "add", ".")
+    git(mounted, "commit", "--quiet", "--message", "two")
+    second = git(mounted, "rev-parse", "HEAD")
+    stands(mounted, second, "good")
+    marker.unlink()
+    mounted.kill("other")
+    stands(mounted, second, "failed")
+    said = rorg(mounted, "history", RORG_ENGINE=mounted.kind)
+    assert "good, then failed at " in said
+    assert "not known to work" not in said
+    write_tree(mounted.tree, {"nav": {}, "other": {**spec, "priority": 7}}, policies=POLICY)
+    git(mounted, "add", ".")
+    git(mounted, "commit", "--quiet", "--message", "three")
+    stands(mounted, git(mounted, "rev-parse", "HEAD"), "failed")
+    said = mounted.rollback("--yes", code=5)
+    assert ": it failed (other: ended with exit code 3)" in said, "whatever was read before it was committed"
+    assert "revision 1: other never ran as declared then" in said
+    assert said.endswith("; try `rorg rollback REV`, with a REV of `rorg history` or `git log`\n")
+
+
+def test_what_was_never_tried_is_untested_and_no_goal_of_a_rollback(mounted):
+    changed = {"container": {"environment": {"N": "1"}}}
+    nav = {"command": ["sh", "-c", WELL]}
+    write_tree(mounted.tree, {"nav": nav, "other": changed}, policies=POLICY)
+    git(mounted, "add", ".")
+    git(mounted, "commit", "--quiet", "--message", "two")
+    second = git(mounted, "rev-parse", "HEAD")
+    stands(mounted, second, "untested")
+    write_tree(mounted.tree, {"nav": nav, "other": {"command": ["sh", "-c", ENDS]}}, policies=POLICY)
+    git(mounted, "add", ".")
+    git(mounted, "commit", "--quiet", "--message", "three")
+    third = git(mounted, "rev-parse", "HEAD")
+    stands(mounted, third, "untested")
+    mounted.request("other", id="more")
+    stands(mounted, third, "failed")
+    said = mounted.rollback(code=5)
+    assert "revision 2: other never ran as declared then" in said
+    assert "revision 1: other never ran as declared then" in said
+    said = mounted.rollback("2", "--yes")
+    assert "caution: revision 2 is not known to work: other never ran as declared then" in said
+
+
+def test_a_return_to_a_failed_revision_is_not_made_without_a_word(mounted):
+    bad = mounted.save(ENDS)
+    stands(mounted, bad, "failed")
+    mended = mounted.save(f"# mended\n{WELL}")
+    stands(mounted, mended, "good")
+    then = next(r for r in revisions(mounted) if r.commit == bad)
+    said = rorg(mounted, "restore", "--at", then.settled_at, code=5, RORG_ENGINE=mounted.kind)
+    assert f"caution: revision {then.number} failed: nav: " in said
+
+
+def test_history_of_an_older_rorg_is_read_and_trusted(tmp_path):
+    """Its file has neither verdicts nor when a revision was proven."""
+    import sqlite3
+
+    from rorg.history.database import reading
+    from rorg.history.evidence import earlier_revisions
+    from rorg.history.revisions import Revisions
+    from rorg.history.schema import STEPS
+
+    path = tmp_path / "journal.db"
+    file = sqlite3.connect(path)
+    for step in STEPS[:2]:
+        file.executescript(step)
+    file.executescript("PRAGMA user_version = 2;")
+    row = f"INSERT INTO revision VALUES (?, '{AT}', ?, '', '', '', 0, '', ?, '', '{AT}', '', '[]')"
+    file.executemany(row, [(1, "a", "good"), (2, "b", "failed"), (3, "c", "failed")])
+    made = "INSERT INTO made VALUES ('arm', ?, ?, ?, '', '', ?)"
+    file.executemany(made, [(1, 1, "v1:1", "e1"), (2, 2, "v1:2", "e2"), (3, None, "v1:3", "e3")])
+    file.commit()
+    file.close()
+    with reading(path) as database:
+        assert Revisions(database).get(1).proven_at == AT
+        found = {e.number: e.doubt for e in earlier_revisions(database)}
+    assert found == {2: "arm never ran as declared then", 1: ""}
+    assert sqlite3.connect(path).execute("PRAGMA user_version").fetchone() == (2,), "only its owner upgrades it"

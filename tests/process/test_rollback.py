@@ -1,0 +1,258 @@
+"""`rorg rollback` and `rorg restore`: an earlier state of the manifests comes back by a commit, beside a running rorg
+and without one."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+
+import commands
+import pytest
+from common import wait_for
+from robots import RealRobot, write_tree
+from rolled_back import ANN, git, revisions, rorg, stands
+
+from rorg.cli.revert import Goal
+from rorg.host.watch import Watcher
+
+
+def says(number: int) -> dict:
+    """It is proven as soon as it says so."""
+    command = ["sh", "-c", f"echo up; while sleep 1000; do echo {number}; done"]
+    return {"always_on": True, "ready": {"log": "^up"}, "command": command}
+
+
+def commit(robot, message: str, services: dict) -> str:
+    """Manifests that are committed; the commit."""
+    write_tree(robot.tree, services, policies={"robot": {"updates": {"bake": "100ms"}}})
+    git(robot, "add", "services", "policies")
+    git(robot, "commit", "--quiet", "--message", message)
+    return git(robot, "rev-parse", "HEAD")
+
+
+def made(robot) -> dict[str, str]:
+    """Digests of what runs, by service."""
+    return {c.service: c.digest for c in robot.containers() if c.state == "running"}
+
+
+def good(robot, commit: str) -> dict[str, str]:
+    """Waits until a commit is on record as good; what runs then."""
+    stands(robot, commit, "good")
+    return made(robot)
+
+
+class Robot(RealRobot):
+    """Of two commits: arm and base, both of them changed in the second one."""
+
+    def begin(self) -> None:
+        (self.tree.parent / "manifests").symlink_to(self.tree)
+        self.tree.mkdir(exist_ok=True)
+        git(self, "init", "--quiet")
+        self.first = commit(self, "one", {"arm": says(1), "base": says(1)})
+        self.start()
+        self.was = good(self, self.first)
+        self.second = commit(self, "two", {"arm": says(2), "base": says(2)})
+        self.now = good(self, self.second)
+        assert self.was.keys() == self.now.keys() == {"arm", "base"}
+
+
+@pytest.fixture
+def running(tmp_path):
+    robot = Robot(tmp_path, "process", None, with_server=True)
+    robot.begin()
+    yield robot
+    robot.close()
+
+
+@pytest.fixture(params=["served", "alone"])
+def robot(request, running):
+    if request.param == "alone":
+        running.stop()
+    return running
+
+
+def test_a_commit_that_overtook_the_reading_is_noted_without_another_event(running):
+    """The last event of the commit may come before the tree is read."""
+    loop, tree = running.loop, running.loop.tree
+    next(thread for thread in loop.threads if isinstance(thread, Watcher)).stop()
+    write_tree(running.tree, {"arm": says(3), "base": says(2)}, policies={"robot": {"updates": {"bake": "100ms"}}})
+    git(running, "add", "services")
+    loop.wakes.files_changed()
+    wait_for(lambda: tree.desired.catalog.services["arm"].spec["command"][-1].endswith("3; done"))
+    wait_for(lambda: any(r.commit == running.second and r.dirty for r in revisions(running)))
+    git(running, "commit", "--quiet", "--message", "three")
+    tree._commit = None  # as if git had been asked just now
+    loop.wake()
+    third = git(running, "rev-parse", "HEAD")
+    wait_for(lambda: any(r.commit == third for r in revisions(running)), 20, "the commit to be on record")
+
+
+def test_back_to_the_last_good_one(robot):
+    said = rorg(robot, "rollback", "--yes", "--wait")
+    assert "replace arm   command: sh -c" in said
+    assert git(robot, "log", "-1", "--format=%an %s") == f"Ann Roll back to 1 ({robot.first[:12]}): one"
+    assert git(robot, "rev-parse", "HEAD^") == robot.second
+    assert git(robot, "status", "--porcelain") == ""
+    assert git(robot, "diff", robot.first) == ""
+    assert made(robot) == robot.was
+
+
+def test_one_service_alone(running):
+    robot = running
+    said = rorg(robot, "rollback", "HEAD~1", "--service", "arm", "--yes")
+    assert f"Roll back arm to HEAD~1 ({robot.first[:12]}): one" in said
+    assert git(robot, "diff", "--name-only", robot.second) == "services/arm.yaml"
+    assert made(robot) == {"arm": robot.was["arm"], "base": robot.now["base"]}
+
+
+def test_the_printed_commands_do_the_same(running):
+    robot = running
+    lines = rorg(robot, "rollback", robot.first, "--print").splitlines()
+    assert git(robot, "rev-parse", "HEAD") == robot.second
+    assert all(line.startswith("git ") for line in lines)
+    subprocess.run(["sh", "-ec", "\n".join(lines)], env={**os.environ, **ANN}, check=True, capture_output=True)
+    assert git(robot, "diff", robot.first) == ""
+    assert git(robot, "log", "-1", "--format=%s") == f"Roll back to {robot.first[:12]}: one"
+
+
+def test_twice_goes_further_back(running):
+    third = commit(running, "three", {"arm": says(3), "base": says(3)})
+    good(running, third)
+    rorg(running, "rollback", "--yes")
+    good(running, git(running, "rev-parse", "HEAD"))
+    assert made(running) == running.now
+    rorg(running, "rollback", "--yes")
+    assert made(running) == running.was
+    good(running, git(running, "rev-parse", "HEAD"))
+    assert "no earlier revision is proven" in rorg(running, "rollback", "--yes", code=5)
+
+
+def test_what_git_has_not_is_passed_over(running):
+    """A file that does not count is no reason, though the state was not clean with it."""
+    (running.tree / "notes.txt").write_text("mine")
+    third = commit(running, "three", {"arm": says(3), "base": says(2)})
+    before = good(running, third)
+    known = revisions(running)[0]
+    assert known.dirty
+    write_tree(running.tree, {"arm": says(4), "base": says(2)})
+    wait_for(lambda: revisions(running)[0].number > known.number and revisions(running)[0].standing == "good")
+    lost = revisions(running)[0].number
+    fifth = commit(running, "five", {"arm": says(5), "base": says(2)})
+    good(running, fifth)
+    assert "with uncommitted changes" in rorg(running, "rollback", str(lost), "--yes", code=5)
+    rorg(running, "rollback", "--yes")
+    assert git(running, "log", "-1", "--format=%s") == f"Roll back to {known.number} ({third[:12]}): three"
+    assert made(running) == before
+
+
+def test_from_manifests_that_are_refused(running):
+    commit(running, "broken", {"arm": {"nonsense": 1}, "base": says(2)})
+    wait_for(lambda: revisions(running)[0].standing == "refused")
+    rorg(running, "rollback", "--yes", "--wait")
+    assert git(running, "diff", running.second) == ""
+    assert made(running) == running.now
+
+
+def test_a_service_that_is_requested_goes_with_the_same_yes(running):
+    third = commit(running, "three", {"arm": says(2), "base": says(2), "extra": {}})
+    stands(running, third, "untested")
+    running.request("extra")
+    running.wait(lambda: "extra" in running.active())
+    good(running, third)
+    said = rorg(running, "rollback", running.second, "--yes")
+    assert "To remove after you confirm, although still named: extra" in said
+    assert made(running) == running.now
+
+
+def test_what_cannot_be_done_changes_nothing(running):
+    assert "find the revision 'nonsense'" in rorg(running, "rollback", "nonsense", code=2)
+    assert "find the revision '99'" in rorg(running, "rollback", "99", code=2)
+    told = rorg(running, "rollback", "1", "--service", "amr", code=5)
+    assert f"cannot roll amr back: it was not declared in 1 ({running.first[:12]}): one" in told
+    assert "there is no terminal; try --yes" in rorg(running, "rollback", code=5)
+    assert "the same already" in rorg(running, "rollback", running.second, "--yes")
+    assert made(running) == running.now
+    (running.tree / "services/arm.yaml").open("a").write("# mine\n")
+    (running.tree / "services/new.yaml").write_text("apiVersion: rorg/v1\nkind: Service\n")
+    told = rorg(running, "rollback", "1", "--yes", code=5)
+    assert "cannot go back: not committed: services/arm.yaml, services/new.yaml; try `git -C" in told
+    assert git(running, "rev-parse", "HEAD") == running.second
+    (running.tree / ".git").rename(running.tree / "git")
+    assert "in no git repository that this user may read; try" in rorg(running, "rollback", "1", "--yes", code=5)
+
+
+def test_a_robot_without_a_history_goes_by_git(tmp_path):
+    robot = Robot(tmp_path, "process", None)
+    (tmp_path / "manifests").symlink_to(robot.tree)
+    robot.tree.mkdir()
+    git(robot, "init", "--quiet")
+    first = commit(robot, "one", {"arm": says(1)})
+    commit(robot, "two", {"arm": says(2)})
+    assert "no earlier revision is proven" in rorg(robot, "rollback", "--yes", code=5)
+    rorg(robot, "rollback", "HEAD~1", "--yes")
+    assert git(robot, "diff", first) == ""
+    robot.close()
+
+
+def test_one_service_of_a_fleet_with_its_overlay(tmp_path):
+    robot = Robot(tmp_path, "process", None)
+    robot.tree.mkdir()
+    git(robot, "init", "--quiet")
+    write_tree(robot.tree / "robots/fetch", {"arm": {"priority": 7}})
+    write_tree(robot.tree / "robots/other", {"arm": {"priority": 8}})
+    commit(robot, "one", {"arm": says(1)})
+    git(robot, "add", "robots")
+    git(robot, "commit", "--quiet", "--message", "two")
+    asked = ("rollback", "HEAD~1", "--service", "arm", "--print", "--manifests", str(robot.tree), "--robot", "fetch")
+    assert all(
+        line.endswith("-- robots/fetch/services/arm.yaml services/arm.yaml")
+        for line in rorg(robot, *asked).split("\n")[:2]
+    )
+    robot.close()
+
+
+def test_restore_brings_requests_back_too(robot):
+    """Of people; what has a lease is left alone."""
+    served = robot.loop is not None
+    if not served:
+        robot.start()
+    robot.request("arm", id="tour", reason="a tour")
+    third = commit(robot, "three", {"arm": says(3), "base": says(1)})
+    before = good(robot, third)
+    then = revisions(robot)[0]
+    robot.release("tour")
+    robot.request("base", id="other")
+    robot.request("base", id="leased", ttl=1000.0)
+    fourth = commit(robot, "four", {"arm": says(4), "base": says(1)})
+    good(robot, fourth)
+    if not served:
+        robot.stop()
+    said = rorg(robot, "restore", "--at", then.settled_at, "--yes", "--wait")
+    assert "- request 'other' of developer: base" in said
+    assert "+ request 'tour' of developer: arm" in said
+    assert git(robot, "diff", third) == ""
+    assert made(robot) == before
+    assert sorted(r.id for r in robot.requests()) == ["leased", "tour"]
+    assert "revision 1" in rorg(robot, "restore", "--at", "1", code=5)
+
+
+def test_restore_needs_a_time_that_is_on_record(running):
+    assert "no time is named" in rorg(running, "restore", code=2)
+    assert "nothing is on record of 20" in rorg(running, "restore", "--at", "10h", code=5)
+    assert "find the revision 'yesterday'" in rorg(running, "restore", "--at", "yesterday", code=2)
+    assert git(running, "rev-parse", "HEAD") == running.second
+
+
+def test_the_tree_is_that_of_the_running_rorg_also_if_a_loss_of_power_took_what_it_published(running):
+    running.state.status.unlink()
+    running.state.status.mkdir()  # so that it is not published again
+    elsewhere = running.tree.parent / "elsewhere"
+    elsewhere.mkdir()
+    commands.rorg("rollback", "1", "--yes", cwd=elsewhere, RORG_STATE_DIR=str(running.state.path), **ANN)
+    assert git(running, "log", "-1", "--format=%s").startswith("Roll back to 1")
+
+
+@pytest.mark.parametrize("before", ["Roll back to 5 (edef05a2b956): ", "Roll back arm to HEAD~1 (0123456789ab): " * 2])
+def test_a_return_to_a_rollback_names_the_commit_that_it_led_to(before):
+    goal = Goal("a" * 40, "7", f"{before}Mount the script")
+    assert goal.title == "7 (aaaaaaaaaaaa): Mount the script"

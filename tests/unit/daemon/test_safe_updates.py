@@ -1,0 +1,414 @@
+"""A change is in use for good once it has stayed well for its bake; else it is undone, and waits in quarantine for
+another change or a person's word. What goes together goes back together."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from commands import rorg
+from robots import WORK, RealRobot, VirtualRobot, handed_on, write_tree
+from standing import stands
+from statuses import statuses
+from updates import failed, later, retry, running
+
+from rorg.core.standing import standing
+
+WELL = {"always_on": True}
+
+
+def changed(n: int, **more) -> dict:
+    """Another edition of a service."""
+    return {**WELL, "container": {"environment": {"N": str(n)}}, **more}
+
+
+@pytest.fixture
+def virtual(tmp_path):
+    return VirtualRobot(tmp_path)
+
+
+def spoil(virtual, name: str, how: str = "exit") -> str:
+    """What is declared of a service does not run."""
+    digest = virtual.sim.desired.digests[name]
+    virtual.sim.faults.bad[digest] = how
+    return digest
+
+
+def ids(virtual) -> dict[str, str]:
+    return {c.service: c.id for c in virtual.containers() if c.state == "running"}
+
+
+# -- bake ------------------------------------------------------------------------------------------------------
+
+
+def test_what_ends_within_its_bake_is_undone_and_who_follows_it_is_whole_again(virtual):
+    tour = {"always_on": True, "needs": [{"service": "nav", "restart": True}]}
+    virtual.declare({"nav": {**WELL, "ready": {"tcp": 1}}, "tour": tour})
+    virtual.settle()
+    before, run = virtual.container("nav").id, virtual.container("tour").incarnation
+    virtual.declare({"nav": changed(1, ready={"tcp": 1}, update={"bake": "1m"}), "tour": tour})
+    virtual.wait(lambda: ids(virtual).get("nav", before) != before)
+    later(virtual, 30)
+    assert virtual.container("tour").incarnation != run, "it follows what is ready, though that bakes"
+    assert len(virtual.containers()) == 3
+    assert stands(virtual) == "baking"
+    beside = virtual.container("tour").started_at
+    virtual.kill("nav")
+    virtual.wait(lambda: ids(virtual).get("nav") == before)
+    virtual.wait(lambda: virtual.container("tour").started_at > beside and ids(virtual).get("tour"))
+    virtual.wait(lambda: len(virtual.containers()) == 2)
+    assert "ended with exit code 137" in virtual.waits("nav")
+    assert "rorg retry nav" in virtual.waits("nav")
+    assert stands(virtual) == "failed"
+
+
+@pytest.mark.parametrize("bake", ["0s", "1m"])
+def test_the_container_before_is_kept_for_the_bake_and_no_longer(virtual, bake):
+    virtual.declare({"nav": {**WELL, "ready": {"delay": "1s"}}})
+    virtual.settle()
+    later(virtual, 5)
+    virtual.declare({"nav": changed(1, ready={"delay": "1s"}, update={"bake": bake})})
+    later(virtual, 1.1)
+    assert len(virtual.containers()) == 2, "it is not ready yet"
+    later(virtual, 50)
+    assert len(virtual.containers()) == (1 if bake == "0s" else 2)
+    later(virtual, 20)
+    assert len(virtual.containers()) == 1
+    assert stands(virtual) == "good"
+
+
+def test_what_does_not_answer_its_live_probe_within_its_bake_is_undone(virtual):
+    spec = {"ready": {"tcp": 1}, "live": {"tcp": 1, "interval": "1s"}, "update": {"bake": "1m"}}
+    virtual.declare({"nav": {**WELL, **spec}})
+    virtual.settle()
+    before = virtual.container("nav").id
+    virtual.declare({"nav": changed(1, **spec)})
+    virtual.wait(lambda: ids(virtual).get("nav", before) != before)
+    later(virtual, 10)
+    virtual.sim.hung.add(virtual.container("nav").incarnation)
+    virtual.wait(lambda: ids(virtual).get("nav") == before)
+    assert "did not answer" in virtual.waits("nav")
+
+
+@pytest.mark.parametrize("before", [{}, {"live": {"tcp": 2}}], ids=["none before", "another before"])
+def test_a_new_live_probe_ends_nothing_before_it_has_held(virtual, before):
+    """It may be wrong, and the program is fine."""
+    virtual.declare({"nav": {**WELL, **before}})
+    virtual.settle()
+    later(virtual, 60)
+    run = virtual.run_of("nav")
+    virtual.declare({"nav": {**WELL, "live": {"tcp": 1, "interval": "1s"}}})
+    virtual.sim.hung.add(run)
+    later(virtual, 20)
+    virtual.sim.reborn(handed_on(virtual.sim.decision))
+    later(virtual, 120)
+    assert virtual.run_of("nav") == run
+    found = statuses(virtual)["nav"]
+    assert "its change failed: did not answer" in found.trouble
+    assert found.condition("Ready").status == "True"
+    virtual.sim.hung.clear()
+    retry(virtual, "nav")
+    later(virtual, 60)
+    assert not statuses(virtual)["nav"].trouble
+    virtual.sim.hung.add(run)
+    virtual.wait(lambda: virtual.run_of("nav") != run)
+
+
+def test_a_proven_live_probe_counts_also_while_another_change_bakes(virtual):
+    spec = {**WELL, "live": {"tcp": 1, "interval": "1s"}}
+    virtual.declare({"nav": spec})
+    virtual.settle()
+    later(virtual, 60)
+    run = virtual.run_of("nav")
+    virtual.declare({"nav": {**spec, "ready": {"tcp": 1}, "update": {"bake": "10m"}}})
+    later(virtual, 10)
+    virtual.sim.hung.add(run)
+    virtual.wait(lambda: virtual.run_of("nav") != run)
+
+
+# -- quarantine ------------------------------------------------------------------------------------------------
+
+
+def test_several_editions_are_in_quarantine_also_for_the_next_rorg(virtual):
+    virtual.declare({"nav": WELL})
+    virtual.settle()
+    good = virtual.container("nav").id
+    for n in (1, 2):
+        virtual.declare({"nav": changed(n)})
+        spoil(virtual, "nav", "start")
+        virtual.wait(lambda n=n: "its change failed" in virtual.waits("nav") and len(virtual.containers()) == 1)
+    rejected = virtual.sim.decision.memory.of("nav").update.rejected
+    virtual.sim.reborn(handed_on(virtual.sim.decision))
+    assert virtual.sim.memory.of("nav").update.rejected == rejected not in ("", good)
+    virtual.declare({"nav": WELL})
+    virtual.settle()
+    calls = len(virtual.sim.engine.calls)
+    for n in (1, 2):
+        virtual.declare({"nav": changed(n)})
+        later(virtual, 30)
+        assert "its change failed" in virtual.waits("nav")
+    assert virtual.container("nav").id == good
+    assert len(virtual.sim.engine.calls) == calls, "the loop does not fight the commit"
+    virtual.sim.faults.bad.clear()
+    retry(virtual, "nav")
+    virtual.wait(lambda: virtual.container("nav").digest == virtual.sim.desired.digests["nav"])
+    assert not virtual.sim.document.retries, "it is heard once"
+
+
+@pytest.mark.parametrize("driver", [False, True])
+def test_what_failed_does_not_run_again_when_what_was_proven_is_lost(virtual, driver):
+    virtual.declare({"nav": {**WELL, "driver": driver}})
+    virtual.settle()
+    bad = changed(1, driver=driver, update={"when": "now"})
+    virtual.declare({"nav": bad})
+    digest = spoil(virtual, "nav", "exit")
+    virtual.wait(lambda: "its change failed" in virtual.waits("nav") and len(virtual.containers()) == 1)
+    virtual.kill("nav")
+    virtual.drift("remove", "nav")
+    later(virtual, 60)
+    assert not virtual.containers()
+    status = statuses(virtual)["nav"]
+    assert (status.health, status.sync) == ("Degraded", "OutOfSync")
+    assert "ended with exit code" in status.trouble
+    assert "its previous container is gone" in virtual.waits("nav")
+    assert "`rorg retry nav`" in virtual.waits("nav")
+    virtual.sim.faults.bad.clear()
+    retry(virtual, "nav")
+    virtual.wait(lambda: statuses(virtual)["nav"].health == "Healthy")
+    assert virtual.container("nav").digest == digest
+
+
+@pytest.mark.parametrize("reborn", [False, True])
+def test_a_retry_while_the_previous_container_starts_counts(virtual, reborn):
+    virtual.declare({"nav": WELL})
+    virtual.settle()
+    later(virtual, 30)
+    virtual.declare({"nav": changed(1)})
+    digest = spoil(virtual, "nav", "exit")
+    virtual.wait(lambda: virtual.sim.memory.of("nav").update.failed and len(ids(virtual)) == 1)
+    assert len(virtual.containers()) == 2
+    virtual.sim.faults.bad.clear()
+    retry(virtual, "nav")
+    if reborn:
+        virtual.wait(lambda: not virtual.sim.document.retries)
+        virtual.sim.reborn(handed_on(virtual.sim.decision))
+    later(virtual, 60)
+    assert [c.digest for c in virtual.containers()] == [digest]
+    assert stands(virtual) == "good"
+
+
+def test_quarantine_does_not_grow_without_bound():
+    from rorg.core.update import MOST, Update
+
+    update = Update()
+    for n in range(100):
+        update = replace(update, edition=str(n)).quarantine("no", 0.0)
+    assert [*update.quarantined] == [str(n) for n in range(100 - MOST, 100)]
+
+
+# -- sets ------------------------------------------------------------------------------------------------------
+
+TOGETHER = {"update": {"atomic": "driving"}}
+
+
+def test_of_a_set_all_go_back_where_one_fails_and_all_are_tried_with_its_mend(virtual):
+    specs = {n: {**WELL, **TOGETHER} for n in ("nav", "map", "base")}
+    virtual.declare({**specs, "cam": WELL})
+    virtual.settle()
+    before = ids(virtual)
+    bad = {"nav": changed(1, **TOGETHER), "map": changed(1, **TOGETHER)}
+    virtual.declare({**specs, **bad, "cam": changed(1)})
+    spoil(virtual, "map")
+    virtual.wait(lambda: "its change failed" in virtual.waits("map"))
+    virtual.wait(lambda: len(virtual.containers()) == 4)
+    found = ids(virtual)
+    assert {n for n in before if found[n] != before[n]} == {"cam"}
+    assert "it changes together with map, whose change failed" in virtual.waits("nav")
+    calls = len(virtual.sim.engine.calls)
+    virtual.sim.reborn(handed_on(virtual.sim.decision))
+    later(virtual, 30)
+    assert len(virtual.sim.engine.calls) == calls
+    virtual.declare({**specs, **bad, "map": changed(2, **TOGETHER), "cam": changed(1)})
+    virtual.settle()
+    found = ids(virtual)
+    assert {n for n in before if found[n] != before[n]} == {"cam", "nav", "map"}
+    assert len(virtual.containers()) == 4
+
+
+@pytest.mark.parametrize("bad", [False, True])
+def test_a_kill_of_rorg_at_any_moment_of_a_sets_change(virtual, bad):
+    """rorg is killed before each of its actions in turn; the set changes as a whole, or goes back as a whole."""
+    for kill_at in range(1, 14):
+        virtual.sim = None
+        virtual.declare({n: {**WELL, **TOGETHER} for n in ("nav", "map")})
+        virtual.settle()
+        before = ids(virtual)
+        virtual.declare({n: changed(1, **TOGETHER) for n in ("nav", "map")})
+        if bad:
+            spoil(virtual, "map")
+        done, end = len(virtual.sim.log) + kill_at, virtual.now() + 20
+        virtual.sim.at(end, lambda: None)
+        virtual.wait(lambda done=done, end=end: len(virtual.sim.log) >= done or virtual.now() >= end)
+        virtual.sim.reborn(handed_on(virtual.sim.decision))
+        virtual.wait(lambda: len(ids(virtual)) == len(virtual.containers()) == 2, 120)
+        later(virtual, 10)
+        found = ids(virtual)
+        assert [found[n] == before[n] for n in ("nav", "map")] == [bad, bad], f"killed before action {kill_at}"
+        own = virtual.sim.memory.of("nav").update.quarantined
+        assert not own, f"killed before action {kill_at}: nothing is wrong with nav itself"
+
+
+def test_who_leaves_its_set_waits_for_nobody_of_it(virtual):
+    virtual.declare({n: {**WELL, **TOGETHER} for n in ("nav", "map")})
+    virtual.settle()
+    before = ids(virtual)
+    virtual.declare({n: changed(1, **TOGETHER) for n in ("nav", "map")})
+    spoil(virtual, "map", "start")
+    virtual.wait(lambda: "its change failed" in virtual.waits("nav") and ids(virtual) == before)
+    virtual.declare({"nav": changed(1), "map": changed(1, **TOGETHER)})
+    virtual.wait(lambda: ids(virtual).get("nav", before["nav"]) != before["nav"])
+
+
+def test_of_a_set_nobody_changes_over_where_one_cannot_be_made(virtual):
+    virtual.declare({n: {**WELL, **TOGETHER} for n in ("nav", "map")})
+    virtual.settle()
+    before = ids(virtual)
+    virtual.sim.faults.fail["create", "map"] = ["no such device"] * 3
+    virtual.declare({n: changed(1, **TOGETHER) for n in ("nav", "map")})
+    virtual.wait(lambda: "map, which changes together with it" in virtual.waits("nav"))
+    assert ids(virtual) == before
+    virtual.settle()
+    assert not {*ids(virtual).values()} & {*before.values()}
+
+
+def test_a_set_is_kept_until_all_of_it_have_stayed_well(virtual):
+    virtual.declare({n: {**WELL, **TOGETHER} for n in ("nav", "map")})
+    virtual.settle()
+    before = ids(virtual)
+    long = {"update": {"atomic": "driving", "bake": "1m"}}
+    virtual.declare({"nav": changed(1, **TOGETHER), "map": changed(1, **long)})
+    later(virtual, 40)
+    assert len(virtual.containers()) == 4
+    virtual.kill("map")
+    virtual.wait(lambda: ids(virtual) == before)
+
+
+def test_the_policy_lets_all_go_together_but_for_who_says_otherwise(virtual):
+    policies = {"policy": {"updates": {"atomic": True, "bake": "3s"}}}
+    apart = {"update": {"atomic": False}}
+    names = {"nav": {}, "map": {"update": {"bake": "1s"}}, "cam": apart}
+    virtual.declare({n: {**WELL, **more} for n, more in names.items()}, policies=policies)
+    services = virtual.sim.desired.catalog.services
+    assert {n: services[n].update.bake for n in names} == {"nav": 3.0, "map": 1.0, "cam": 3.0}
+    assert [*virtual.sim.desired.sets.values()] == [("map", "nav")]
+
+
+def test_a_policy_of_before_is_told_where_its_word_stands(tmp_path):
+    from rorg.manifest.load import load
+
+    write_tree(tmp_path, {"nav": {}}, policies={"policy": {"images": {"update": "when_ceased"}}})
+    assert "`updates: {when: when_ceased}`" in str(load(tmp_path).errors[0])
+
+
+# -- standing --------------------------------------------------------------------------------------------------
+
+
+def test_a_state_of_the_manifests_is_good_after_its_bake(virtual):
+    virtual.declare({"nav": {**WELL, "ready": {"delay": "3s"}, "update": {"bake": "10s"}}, "idle": {}})
+    seen = []
+    virtual.sim.at(30, lambda: None)
+    virtual.wait(lambda: seen.append(stands(virtual)) or virtual.now() >= 30)
+    assert list(dict.fromkeys(seen)) == ["applying", "baking", "good"]
+    assert virtual.now() < 60
+    virtual.kill("nav")
+    later(virtual, 0.5)
+    assert stands(virtual, good=True) == "good", "what ends later is not its doing"
+    virtual.request("idle")
+    later(virtual, 0.5)
+    assert stands(virtual, good=True) == "good"
+
+
+def test_what_was_idle_may_fail_later(virtual):
+    virtual.declare({"nav": {}})
+    virtual.request("nav")
+    virtual.settle()
+    virtual.release()
+    virtual.settle()
+    virtual.declare({"nav": {"container": {"environment": {"N": "1"}}}})
+    spoil(virtual, "nav")
+    later(virtual, 5)
+    assert stands(virtual) == "untested", "its container is there, and nobody wants it"
+    virtual.request("nav")
+    virtual.wait(lambda: stands(virtual, good=True) == "failed")
+
+
+def test_a_service_that_never_comes_up_makes_it_fail_without_a_way_back(virtual):
+    virtual.declare({"nav": WELL})
+    spoil(virtual, "nav")
+    virtual.wait(lambda: stands(virtual) == "failed")
+    decision = virtual.sim.decision
+    assert standing(decision).reason.startswith("nav: ")
+
+
+def test_what_waits_until_it_is_ceased_is_still_to_be_applied(virtual):
+    later_on = {"update": {"when": "when_ceased"}}
+    virtual.declare({"nav": {**WELL, **later_on}})
+    virtual.settle()
+    before = ids(virtual)
+    virtual.declare({"nav": changed(1, **later_on)})
+    later(virtual, 10)
+    assert ids(virtual) == before
+    assert stands(virtual) == "applying"
+    virtual.kill("nav")
+    virtual.wait(lambda: stands(virtual) == "good")
+    assert ids(virtual) != before
+
+
+# -- for real --------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(params=["docker", "process"])
+def robot(request, tmp_path):
+    host = request.getfixturevalue("dockerd").host if request.param == "docker" else None
+    found = RealRobot(tmp_path, request.param, host, with_server=True)
+    yield found
+    found.close()
+
+
+def test_a_set_goes_back_and_is_tried_again_by_a_persons_word(robot):
+    """nav is well at first, and map dies within its bake."""
+    together = {"update": {"atomic": True, "bake": "20s"}}
+    robot.declare({"nav": {**WELL, **together}, "map": {**WELL, **together}})
+    robot.wait(lambda: robot.active() == {"nav", "map"})
+    robot.settle()
+    before = {n: robot.container(n).id for n in ("nav", "map")}
+    dying = changed(1, command=["python3", "-S", "-c", "import time; time.sleep(1); raise SystemExit(3)"], **together)
+    robot.declare({"nav": changed(1, command=WORK, **together), "map": dying})
+    robot.wait(lambda: failed(robot, "map") and failed(robot, "nav"))
+    robot.wait(lambda: {c.service: c.id for c in robot.containers()} == before and robot.active() == {"nav", "map"})
+    assert "exit code 3" in failed(robot, "map")
+    assert "it changes together with map" in failed(robot, "nav")
+    where = {"RORG_SOCKET": robot.socket()}
+    assert "no change of it failed" in rorg("retry", "nav", "developer", code=5, **where).stderr
+    told = rorg("apply", str(robot.tree), "--yes", "--wait", code=4, RORG_STATE_DIR=str(robot.state.path)).stderr
+    assert "map: its change failed" in told
+    begun = sum("> start map (" in line for line in robot.lines)
+    assert rorg("retry", "nav", **where).stdout == "nav, map: the change is tried again\n"
+    robot.wait(lambda: sum("> start map (" in line for line in robot.lines) > begun)
+    robot.wait(lambda: {c.service: c.id for c in robot.containers()} == before and failed(robot, "map"))
+
+
+def test_apply_without_a_rorg_leaves_a_long_bake_to_the_next_one(tmp_path):
+    tree, where = tmp_path / "tree", {"RORG_STATE_DIR": str(tmp_path / "state"), "RORG_ENGINE": "process"}
+    robot = RealRobot(tmp_path, "process", None)
+    try:
+        write_tree(tree, {"nav": WELL})
+        apply = ("apply", str(tree), "--yes", "--wait", "--timeout")
+        assert rorg(*apply, "60s", **where).returncode == 0
+        before = robot.container("nav").id
+        write_tree(tree, {"nav": changed(1, update={"bake": "1h"})})
+        assert "still being watched: nav" in rorg(*apply, "8s", **where).stderr
+        assert running(robot, "nav").id != before
+        assert before in {c.id for c in robot.containers()}
+    finally:
+        robot.close()
