@@ -36,26 +36,26 @@ properties: $(VENV)/test-installed
 	RORG_TEST_EXAMPLES=$(or $(EXAMPLES),1000) $(BIN)/pytest -s tests/unit/core/test_properties.py $(ARGS)
 
 # rorg is killed at every effect it has (each write, call of the engine, commit, answer to a client), in every scenario of
-# tests/assurance/proof, on an engine that outlives it; at some of them the rorg that follows is killed too. Then defects are
-# planted, which must be found. One to two hours.
+# tests/assurance/proof, on an engine that outlives it; at some of them the rorg that follows is killed too. Then defects
+# are planted, which must be found. One to two hours.
 # RORG_PROOF_EVERY=10 for every tenth point; RORG_PROOF_SCENARIO=down RORG_PROOF_POINT=31:power repeats one case;
 # RORG_PROOF_ORDER=1 for the other outcomes of a loss of power alone.
 proof: $(VENV)/test-installed
-	PYTHONPATH=$(TESTS_PATH) $(BIN)/python -m proof.proof $(ARGS)
-	RORG_PROOF_TWICE=1 RORG_PROOF_EVERY=$(or $(RORG_PROOF_EVERY),8) PYTHONPATH=$(TESTS_PATH) $(BIN)/python -m proof.proof $(ARGS)
-	RORG_PROOF_ORDER=1 RORG_PROOF_EVERY=$(or $(RORG_PROOF_EVERY),8) PYTHONPATH=$(TESTS_PATH) $(BIN)/python -m proof.proof $(ARGS)
+	PYTHONPATH=$(TESTS_PATH) $(BIN)/python -m proof.play $(ARGS)
+	RORG_PROOF_TWICE=1 RORG_PROOF_EVERY=$(or $(RORG_PROOF_EVERY),8) PYTHONPATH=$(TESTS_PATH) $(BIN)/python -m proof.play $(ARGS)
+	RORG_PROOF_ORDER=1 RORG_PROOF_EVERY=$(or $(RORG_PROOF_EVERY),8) PYTHONPATH=$(TESTS_PATH) $(BIN)/python -m proof.play $(ARGS)
 	PYTHONPATH=$(TESTS_PATH) $(BIN)/python -m proof.defects
 
 # The same on a private Docker engine, as root: RORG_PROOF_MOST points of each scenario, by default 45. An hour.
 proof-docker: $(VENV)/test-installed
 	RORG_PROOF_MOST=$(or $(RORG_PROOF_MOST),45) PYTHONPATH=$(TESTS_PATH) $(BIN)/python -m proof.docker_world $(ARGS)
 
-# All worlds within the bound of tests/assurance/bounded/bounds.py, of which `make test` tries a slice, and WALKS random walks of
+# All worlds within the bound of assurance/bounded/bounds.py, of which `make test` tries a slice, and WALKS random walks of
 # some 40 steps: half an hour or more. ARGS='-k walks' for walks alone; RORG_TEST_WALKS_SEED=N draws the same ones again.
 worlds: $(VENV)/test-installed
 	RORG_TEST_WORLDS=all RORG_TEST_WALKS=$(or $(WALKS),2000) $(BIN)/pytest -s tests/assurance/bounded/test_bounded_worlds.py tests/assurance/bounded/test_walks.py $(ARGS)
 
-# All defects of tests/assurance/bounded/defects.py, planted one by one in a copy of rorg; `make test` tries four: some minutes.
+# All defects of assurance/bounded/defects.py, planted one by one in a copy of rorg; `make test` tries four: some minutes.
 defects: $(VENV)/test-installed
 	RORG_TEST_DEFECTS=all $(BIN)/pytest tests/assurance/bounded/test_planted_defects.py $(ARGS)
 

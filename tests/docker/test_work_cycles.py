@@ -1,4 +1,4 @@
-"""0 times told ready and found something else: the short version. tests/bench/test_cycles.py plays thousands."""
+"""0 times told ready and found something else: the short version. tests/bench/test_many_cycles.py plays thousands."""
 
 from __future__ import annotations
 

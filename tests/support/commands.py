@@ -42,6 +42,7 @@ class Forked:
             assert environment.get(name) == os.environ.get(name), f"{name} is read at the begin of Python"
         told = {"words": [str(w) for w in words], "folder": str(cwd or Path.cwd()), "environment": environment}
         told["program"] = program
+        sys.audit("subprocess.Popen", "rorg", words, cwd, None)  # a process all the same, for whoever watches for them
         self.returncode: int | None = None
         self._ended, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with other, open(os.devnull) as nothing:

@@ -61,7 +61,7 @@ SUITE = (
     "unit/manifest/test_profiles",
     "process/test_fit",
     "unit/tools/sim/test_engine",
-    "unit/engines/test_small_engine",
+    "process/test_small_engine",
     "unit/engines/swarm/test_look",
     "process/test_graph_images",
     "process/test_notify",

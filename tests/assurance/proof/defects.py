@@ -213,7 +213,7 @@ def caught(one: Defect) -> str:
             "RORG_PROOF_MOST": str(MOST),
             "RORG_PROOF_STOP": "1",
         }
-        command = [sys.executable, "-m", "proof.proof", one.scenario]
+        command = [sys.executable, "-m", "proof.play", one.scenario]
         done = subprocess.run(command, cwd=copy, env=environment, capture_output=True, text=True, check=False)
     finally:
         shutil.rmtree(folder, ignore_errors=True)

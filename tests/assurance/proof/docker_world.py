@@ -154,11 +154,11 @@ def private() -> Any:
 
 
 def main(names: list[str]) -> int:
-    from proof import proof
+    from proof import play
 
     engine = private()
     try:
-        return proof.main(names or list(PLAYED), partial(DockerWorld, host=engine.host))
+        return play.main(names or list(PLAYED), partial(DockerWorld, host=engine.host))
     finally:
         engine.close()
 

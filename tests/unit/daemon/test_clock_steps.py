@@ -3,15 +3,14 @@ it."""
 
 from __future__ import annotations
 
-import json
 import os
 from dataclasses import replace
 
 import pytest
 from common import wait_for
-from dockerd import own_dockerd
-from robots import RealRobot, VirtualRobot, handed_on
-from updates import failed, later, running
+from editions import edition
+from robots import VirtualRobot, handed_on
+from updates import later, running
 
 from rorg.core.holds import Moment, adjusted, begin_hold, seconds_left
 from rorg.core.observed import Container
@@ -26,10 +25,6 @@ from rorg.store.requests_parser import parse, render
 
 STEPS = (-50 * 365 * 86400.0, -3600.0, -20.0, 20.0, 3600.0, 50 * 365 * 86400.0)
 """Seconds by which the clock is set."""
-
-
-def edition(word: str, **more) -> dict:
-    return {"arm": {"always_on": True, "container": {"environment": {"EDITION": word}}, **more}}
 
 
 @pytest.fixture
@@ -60,51 +55,6 @@ def test_a_bad_change_after_the_clock_was_set_is_undone(virtual, seconds):
     later(virtual, 30)
     assert running(virtual, "arm").id == old
     assert virtual.sim.memory.of("arm").update.failed == "ended with exit code 1"
-
-
-FAR_AHEAD = "2076-01-01T12:00:00.000000Z"
-
-
-def test_a_good_change_of_a_process_that_began_by_a_clock_far_ahead_is_kept(tmp_path):
-    """Its record has the time of its start: then NTP set the clock."""
-    robot = RealRobot(tmp_path, "process", None)
-    robot.declare(edition("old"))
-    robot.wait(lambda: running(robot, "arm"))
-    robot.settle()
-    record = robot.engine.records.read(running(robot, "arm").id)
-    robot.engine.records.write({**record, "started_at": FAR_AHEAD, "created_at": FAR_AHEAD})
-    robot.engine.changes.tell(record["id"])
-    change_well(robot)
-
-
-@pytest.mark.docker
-def test_a_good_change_of_a_container_that_began_by_a_clock_far_ahead_is_kept(tmp_path):
-    with own_dockerd("--live-restore") as dockerd:
-        robot = RealRobot(tmp_path, "docker", dockerd.host)
-        robot.declare(edition("old"))
-        robot.wait(lambda: running(robot, "arm"))
-        robot.settle()
-        robot.stop()
-        path = dockerd.folder / f"data/containers/{robot.container('arm').id}/config.v2.json"
-        dockerd.stop()
-        kept = json.loads(path.read_text())
-        kept["State"]["StartedAt"] = kept["Created"] = FAR_AHEAD
-        path.write_text(json.dumps(kept))
-        dockerd.start()
-        robot.start()
-        change_well(robot)
-
-
-def change_well(robot: RealRobot) -> None:
-    """Change the arm, whose run began in 2076 by its engine, in a way that works."""
-    try:
-        robot.wait(lambda: robot.status()["services"]["arm"]["started_at"].startswith("2076"))
-        old = robot.container("arm").id
-        robot.declare(edition("new"))
-        robot.wait(lambda: failed(robot, "arm") or (robot.quiet() and running(robot, "arm").id != old))
-        assert not failed(robot, "arm")
-    finally:
-        robot.close()
 
 
 # -- holds and suspensions -------------------------------------------------------------------------------------
@@ -151,26 +101,6 @@ def test_a_hold_is_read_as_it_was_written():
     assert parse(render(document), "requests.yaml") == (document, [])
     for bad in ("{until: 2026-01-01T00:00:00Z, duration: long}", "{until: 2026-01-01T00:00:00Z, uptime: 5, more: 1}"):
         assert parse(f"holds: {{arm: {bad}}}\n", "requests.yaml")[1]
-
-
-def test_a_hold_whose_end_is_wrong_by_the_clock_is_put_right_in_the_file(tmp_path):
-    """As if it had been made in 2076, and NTP had set the clock then."""
-    robot = RealRobot(tmp_path, "process", None)
-    robot.declare({"arm": {"always_on": True}})
-    robot.wait(lambda: running(robot, "arm"))
-    held = begin_hold(robot.moment(), 4.0)
-    robot.change(lambda asked: replace(asked, holds={"arm": replace(held, until=held.until + 50 * 365 * 86400.0)}))
-    robot.wait(lambda: not running(robot, "arm"), 3)
-    robot.wait(lambda: abs(until(robot) - held.until) < 1, 3)
-    robot.wait(lambda: running(robot, "arm"), 20)
-    assert robot.moment().uptime >= held.uptime
-    robot.close()
-
-
-def until(robot: RealRobot) -> float:
-    """When the hold of the arm ends, by the file."""
-    robot.file.read()
-    return robot.file.document.holds["arm"].until
 
 
 # -- files -----------------------------------------------------------------------------------------------------

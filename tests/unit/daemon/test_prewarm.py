@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import time
-
 import pytest
-from robots import RealRobot, VirtualRobot, write_tree
+from habits import AUTO, habits
+from robots import VirtualRobot, write_tree
 
 from rorg.core.prediction import learn
 from rorg.errors import Invalid
@@ -14,14 +13,6 @@ from rorg.manifest.load import load_or_raise
 from rorg.model.learned import Departure, Learned
 from rorg.model.trace import TraceEvent
 from rorg.store.learned_file import NAME, read_learned, write_learned
-
-AUTO = {"idle": {"action": "pause", "prewarm": "auto"}}
-
-
-def habits(*followers: tuple[str, float], by: str = "developer", first: str = "ears") -> Learned:
-    """Ten times each: so long after the first service, the requester asked for another one."""
-    departures = tuple(Departure(after, (name,)) for name, after in followers for _ in range(10))
-    return Learned({by: {(first,): departures}})
 
 
 @pytest.fixture
@@ -168,23 +159,6 @@ def test_a_robot_goes_on_learning(robot):
     robot.wait(lambda: prewarmed(robot) == {"wheels"}, 30)
 
 
-def test_a_real_robot_knows_it_again_and_says_why(real_robot):
-    write_learned(real_robot.state.path, habits(("wheels", 6.0)))
-    real_robot.declare({"ears": {}, "wheels": AUTO})
-    real_robot.wait(lambda: "wheels" in real_robot.states())
-    real_robot.request("ears")
-    real_robot.wait(lambda: real_robot.active() == {"ears", "wheels"})
-    real_robot.wait(lambda: "prewarmed: developer asks for it" in real_robot.status()["services"]["wheels"]["why"])
-    run = real_robot.run_of("wheels")
-    real_robot.request("wheels", id="drive")
-    real_robot.wait(lambda: "requested" in real_robot.status()["services"]["wheels"]["why"])
-    assert real_robot.run_of("wheels") == run
-    real_robot.stop()
-    kept = read_learned(real_robot.state.path)
-    assert kept.of("developer", ("ears",)) == habits(("wheels", 6.0)).of("developer", ("ears",))
-    assert "start" in kept.took["wheels"]
-
-
 def test_the_policy_is_for_all_but_drivers(tmp_path):
     idle = {"prewarm": "auto"}
     specs = {
@@ -223,23 +197,3 @@ def test_what_was_learnt_is_read_as_it_was_written(tmp_path):
     learned = Learned(habits(("wheels", 6.0)).departures, {"wheels": {"start": 1.5}})
     write_learned(tmp_path, learned)
     assert read_learned(tmp_path) == learned
-
-
-def test_without_a_file_it_is_learnt_from_the_journal(request, tmp_path):
-    robot = RealRobot(tmp_path, "process", None)
-    request.addfinalizer(robot.close)
-    robot.declare({"ears": {}, "wheels": {}})
-    robot.wait(lambda: len(robot.states()) == 2)
-    for service in ("ears", "wheels", "ears"):
-        robot.request(service)
-        robot.wait(lambda name=service: robot.active() == {name})
-        end = time.monotonic() + 1.2  # what is shorter is a step on the way
-        robot.wait(lambda end=end: time.monotonic() > end)
-    robot.release()
-    robot.wait(lambda: not robot.active())
-    robot.stop()
-    (robot.state.path / NAME).unlink()
-    robot.start()
-    found = robot.loop.learner.learned.of("developer", ("ears",))
-    assert [d.to for d in found] == [("wheels",), ()]
-    assert all(1.0 <= d.after < 60.0 for d in found)

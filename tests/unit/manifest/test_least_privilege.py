@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 
-import commands
 import pytest
 from common import ROOT
 
@@ -25,7 +23,6 @@ ONCE_PRIVILEGED = (
 """Services of the robot's own source that are privileged there."""
 CAPABILITIES = {"freight_base": ["SYS_NICE"]}
 """Of these: a control loop needs its priority."""
-SERVICES = sorted(load_or_raise(ROOT / "manifests").services.keys() - {"developer"})
 
 
 @pytest.fixture(scope="module")
@@ -60,18 +57,3 @@ def test_what_was_privileged_gets_its_devices_and_no_more(with_hardware, name):
     assert not [s for s in sources if s == "/" or s.startswith(("/dev/", "/sys/", "/proc/", "/run/", "/var/run/"))]
     without = ("freight_base", "psutil_stats_logger")  # one talks to a network, one reads /proc
     assert bool(service.devices) == (name not in without)
-
-
-@pytest.mark.parametrize("name", SERVICES)
-def test_explain_tells_the_source_of_every_value(name):
-    found = json.loads(commands.rorg("explain", name, str(ROOT / "manifests"), "-o", "json", code=0).stdout)
-    assert found["service"] == name
-    assert found["values"]
-    for value in found["values"]:
-        source = value["source"]
-        assert source["kind"] in ("manifest", "profile", "policy", "env_file", "default"), value
-        if source["kind"] != "default":
-            assert source["file"], value
-            assert source["line"] > 0, value
-        assert (source["kind"] == "profile") == ("name" in source), value
-        assert not (source["kind"] == "default" and value["field"].startswith(("container", "needs", "image"))), value

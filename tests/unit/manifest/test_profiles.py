@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
-
-import commands
 import pytest
+from built_in_profiles import BUILT_IN, GIVES
 from robots import write_tree
 
 from rorg.core.desired import desire
@@ -13,7 +11,6 @@ from rorg.manifest.effective import Value, effective
 from rorg.manifest.load import load, load_or_raise
 
 FORMER = ("fb9d033e39103561", "v1:7b266b54c999d106fa3ca587a0d785ff")
-BUILT_IN = ("ros1", "ros2", "plain", "realtime", "gpu", "x11")
 
 
 def loaded(folder, *profile: str, **profiles: dict):
@@ -103,36 +100,6 @@ def test_an_unknown_one_is_told_at_its_place(tmp_path):
 
 
 # -- the built-in ones ---------------------------------------------------------------------------------------------
-
-GIVES = {
-    "ros1": ("container.environment.ROS_MASTER_URI", "http://localhost:11311"),
-    "ros2": ("container.ipc", "host"),
-    "plain": (),
-    "realtime": ("container.cap_add[0]", "SYS_NICE"),
-    "gpu": ("container.gpus[0]", {"count": "all"}),
-    "x11": ("container.environment.DISPLAY", ":0"),
-}
-
-
-@pytest.mark.parametrize("profile", BUILT_IN)
-def test_explain_names_the_source_of_each_value(tmp_path, profile):
-    specs = {"nav": {"image": "img", "profile": profile}, "roscore": {"image": "img", "command": "roscore"}}
-    write_tree(tmp_path / "manifests", specs)
-    found = json.loads(commands.rorg("explain", "nav", "-o", "json", cwd=tmp_path).stdout)
-    kinds = {v["source"]["kind"] for v in found["values"]}
-    assert kinds <= {"manifest", "profile", "default"}
-    assert all("file" in v["source"] for v in found["values"] if v["source"]["kind"] != "default")
-    options = {v["field"]: v for v in found["values"] if v["field"].startswith("container.")}
-    if not GIVES[profile]:
-        assert {v["source"]["kind"] for v in options.values()} <= {"manifest"}, "not even what common gives"
-        return
-    field, value = GIVES[profile]
-    assert options[field]["value"] == value
-    assert (options[field]["source"]["name"], options[field]["source"]["file"]) == (
-        profile,
-        f"<built in>/{profile}.yaml",
-    )
-    assert options["container.init"]["source"]["name"] == "common"
 
 
 @pytest.mark.parametrize("profile", [*BUILT_IN, "common"])

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import re
 import time
 from pathlib import Path
 
 import pytest
 import yaml
-from commands import rorg
 from common import ROOT
 from finding_cases import build
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from robots import RealRobot
 
 from rorg.errors import advice
 from rorg.manifest.load import MOST_TOLD, load
@@ -101,15 +98,6 @@ def test_what_holds_for_all_services_is_told_once_and_not_of_those_that_may(tmp_
     assert found.message.endswith("; 2 more like it, the next at services/face.yaml:8:14")
 
 
-def test_hints_are_shown_on_request(tmp_path):
-    tree = build(tmp_path, {"net": "image: net:1\ncontainer: {tty: true}\n"})
-    assert rorg("validate", ".", cwd=tree).stderr == "ok: 1 service\n"
-    assert json.loads(rorg("validate", ".", "-o", "json", cwd=tree).stdout) == []
-    assert "services/net.yaml:6:20: hint: 'net' has a terminal" in rorg("validate", ".", "--hints", cwd=tree).stderr
-    (run,) = json.loads(rorg("validate", ".", "--hints", "-o", "sarif", cwd=tree).stdout)["runs"]
-    assert run["results"][0]["level"] == run["tool"]["driver"]["rules"][0]["defaultConfiguration"]["level"] == "note"
-
-
 def test_a_program_of_ros2_with_the_address_of_a_master_is_not_called_one_of_ros1(tmp_path, monkeypatch):
     both = "image: ros:humble\ncommand: ros2 run demo talker\ncontainer: {environment: {ROS_MASTER_URI: 'http://a:11311'}}\n"
     core = "image: ros:noetic\ncommand: roscore\nready: {tcp: 11311}\nprofile: ros1\n"
@@ -189,42 +177,6 @@ def test_a_comment_in_an_overlay_is_said_of_the_overlay(tmp_path, monkeypatch):
     assert load(Path("."), robot="lab").diagnostics == ()
     (tmp_path / "robots/lab/services/arm.yaml").write_text(over)
     assert [d.code for d in load(Path("."), robot="lab").diagnostics] == ["privileged"]
-
-
-def test_json_and_sarif_tell_code_place_and_remedy(tmp_path):
-    tree = build(
-        tmp_path, {"arm": "image: arm:1\ncontainer: {privileged: true}\n", "base": "image: base:1\nimage: b:1\n"}
-    )
-    (error,) = json.loads(rorg("validate", ".", "-o", "json", code=2, cwd=tree).stdout)
-    assert (error["code"], error["line"], error["column"]) == ("duplicate-key", 6, 3)
-    (tree / "services/base.yaml").unlink()
-    (found,) = json.loads(rorg("validate", ".", "-o", "json", cwd=tree).stdout)
-    (run,) = json.loads(rorg("validate", ".", "-o", "sarif", cwd=tree).stdout)["runs"]
-    (rule,), (result,) = run["tool"]["driver"]["rules"], run["results"]
-    assert (found["code"], rule["id"], result["ruleId"], result["ruleIndex"]) == (*["privileged"] * 3, 0)
-    (place,) = result["locations"]
-    region = place["physicalLocation"]["region"]
-    assert (region["startLine"], region["startColumn"]) == (found["line"], found["column"]) == (6, 27)
-    assert place["physicalLocation"]["artifactLocation"]["uri"] == found["file"] == "services/arm.yaml"
-    assert result["level"] == rule["defaultConfiguration"]["level"] == found["severity"] == "warning"
-    assert result["message"]["text"] == f"{found['message']}{advice(found['remedy'])}"
-
-
-def test_diff_tells_warnings_with_and_without_a_running_rorg(tmp_path):
-    """On standard error: what is to be done alone is data."""
-    robot = RealRobot(tmp_path, "process", None, with_server=True)
-    environment = {"RORG_STATE_DIR": str(robot.state.path), "RORG_ENGINE": "process"}
-    try:
-        robot.declare({"arm": {"command": "sleep 60 && true"}})
-        robot.settle()
-        told = rorg("diff", **environment)
-        assert "[shell-words-without-shell]" in told.stderr
-        assert "[" not in told.stdout
-        warnings = robot.client().call("GET", "/v1/status")["tree"]["warnings"]
-        assert [w["code"] for w in warnings] == ["shell-words-without-shell"]
-    finally:
-        robot.close()
-    assert "[shell-words-without-shell]" in rorg("diff", str(robot.tree), code=1, **environment).stderr
 
 
 @given(st.text("/.:~-_ab1 \n\"'é", max_size=60))

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import os
 import socket
-import stat
 from pathlib import Path
 
 import pytest
-from commands import rorg
 from finding_cases import build
 
 from rorg.engines.facts import engine_facts
@@ -183,23 +180,3 @@ def test_an_engine_that_does_not_answer_is_told_and_no_more(tmp_path):
     facts = engine_facts(f"unix://{tmp_path}/nobody.sock")
     assert facts.error == "its socket is missing"
     assert facts.runtimes == frozenset()
-
-
-def test_an_engine_tells_its_runtimes(dockerd):
-    facts = engine_facts(dockerd.host)
-    assert facts.error == ""
-    assert "runc" in facts.runtimes
-    assert stat.S_ISDIR(os.stat(facts.root).st_mode)
-
-
-# -- the command -----------------------------------------------------------------------------------------------
-
-
-def test_validate_looks_at_this_machine_where_it_is_asked_to(tmp_path):
-    tree = build(tmp_path, {"laser": "image: laser:1\ndriver: {devices: [/dev/no-such-laser]}\n"})
-    nobody = f"unix://{tmp_path}/nobody.sock"
-    plain = rorg("validate", str(tree), "-o", "json")
-    assert json.loads(plain.stdout) == []
-    told = rorg("validate", str(tree), "--machine", "-o", "json", DOCKER_HOST=nobody)
-    assert [(d["code"], d["line"]) for d in json.loads(told.stdout)] == [("missing-device", 6)]
-    assert "does not answer, and is not checked" in told.stderr

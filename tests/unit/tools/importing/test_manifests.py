@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import json
-import os
-from pathlib import Path
-
-import commands
 import pytest
 from compose_imports import imported, spec, told, write
+from incomplete_projects import UNSUPPORTED, of_units
 
 from rorg.manifest.load import load
 from rorg.manifest.yaml_text import plain
 from rorg.tools.compose import load as read_project
 from rorg.tools.importing.compose import from_compose
-from rorg.tools.importing.systemd import from_systemd
 
 HEAD = "name: bot\nservices:\n  nav:\n    image: lab/nav\n    network_mode: host\n    "
 
@@ -118,56 +113,6 @@ def test_files_of_labels_are_files_of_the_project(tmp_path):
     assert tmp_path / "l.env" in project.files
 
 
-UNSUPPORTED = """\
-name: bot
-services:
-  nav:
-    image: lab/nav
-    post_start: [{command: a}]
-    isolation: hyperv
-    labels: {rorg.io/x: y}
-    volumes: [{type: npipe, source: a, target: /a}, '/a:b', {type: bind, source: /c, target: /d, bind: {recursive: enabled}}]
-    configs: [far]
-    networks: [lan]
-    depends_on: [developer, _x]
-  developer: {image: a}
-  _x: {image: b}
-  far: {image: lab/far, build: 'https://example.org/far.git'}
-networks: {lan: {enable_ipv4: false}}
-configs: {far: {external: true}}
-"""  # noqa: E501
-
-
-def test_what_cannot_be_carried_over_can_be_left_out(tmp_path):
-    (tmp_path / "compose.yaml").write_text(UNSUPPORTED)
-    refused = commands.run(["import", "compose"], dict(os.environ), tmp_path)
-    assert refused.returncode == 2
-    assert "--skip-unsupported" in refused.stderr
-    assert not (tmp_path / "manifests").exists()
-    done = commands.run(["import", "compose", "--skip-unsupported", "-o", "json"], dict(os.environ), tmp_path)
-    assert done.returncode == 0, done.stderr
-    answer = json.loads(done.stdout)
-    assert answer["valid"] is True
-    skipped = [d["message"] for d in answer["diagnostics"] if d["message"].startswith("skipped: ")]
-    assert len(skipped) == refused.stderr.count(": error: ") == 11
-    assert {m["name"] for m in answer["manifests"] if m["kind"] == "Service"} == {"nav", "far"}
-    assert "skipped: post_start cannot be carried over" in (tmp_path / "manifests/services/nav.yaml").read_text()
-    assert commands.run(["validate"], dict(os.environ), tmp_path).returncode == 0
-
-
-def test_an_import_that_does_not_validate_says_what_is_left_to_do(tmp_path):
-    (tmp_path / "compose.yaml").write_text("services:\n  nav: {image: 'lab/nav:${TAG}'}\n")
-    done = commands.run(["import", "compose"], dict(os.environ), tmp_path)
-    assert done.returncode == 2
-    assert "manifests/services/nav.yaml:" in done.stderr
-    assert "'lab/nav:' is not an image reference" in done.stderr
-    assert "the files are written; correct them, then `rorg validate manifests`" in done.stderr
-    (tmp_path / "compose.yaml").write_text("services:\n  nav: {image: 'lab/nav:1'}\n")
-    done = commands.run(["import", "compose", "--force"], dict(os.environ), tmp_path)
-    assert done.returncode == 0
-    assert "\nvalid" in done.stderr
-
-
 UNIT = """\
 [Service]
 ExecStartPre=-/bin/rm -f /tmp/lock
@@ -178,10 +123,6 @@ SupplementaryGroups=video dialout
 CPUAffinity=0 2-3
 Environment=CAMERA=%i RATE=5%%
 """
-
-
-def of_units(skip: bool = False, **texts: str):
-    return from_systemd({Path(n.replace("__", "@") + ".service"): t for n, t in texts.items()}, "", Path("m"), skip)
 
 
 def test_a_unit_keeps_its_groups_cpus_and_failures_that_do_not_matter(tmp_path):
@@ -218,19 +159,6 @@ def test_a_template_is_imported_for_each_instance_that_is_named(tmp_path):
     assert "cam@.service is a template, and no instance of it is named" in str(alone.errors[0])
     default = of_units(cam__=UNIT + "[Install]\nDefaultInstance=top\n")
     assert [made.name for made in default.manifests] == ["cam-top"]
-
-
-def test_units_that_cannot_be_carried_over_can_be_left_out(tmp_path):
-    units = {"old": "[Service]\nType=forking\nExecStart=/x\n", "new": "[Service]\nExecStart=/x\n"}
-    assert of_units(**units).errors
-    found = of_units(skip=True, **units)
-    assert [made.name for made in found.manifests] == ["new"]
-    assert [d.severity for d in found.diagnostics] == ["warning"]
-    for name, text in units.items():
-        (tmp_path / f"{name}@.service").write_text(text)
-    done = commands.run(["import", "systemd", "new@a.service"], dict(os.environ), tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert (tmp_path / "manifests/services/new-a.yaml").exists()
 
 
 def test_skipped_services_are_not_needed_and_builds_say_which_image(tmp_path):

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import os
-import subprocess
 import time
 from pathlib import Path
 from xml.etree import ElementTree
 
-import commands
 import launch_cases
 import pytest
 
@@ -19,7 +17,7 @@ from rorg.tools.importing.launch_words import Refusal, split
 from rorg.tools.importing.launch_xml import Element, read_launch
 from rorg.tools.importing.launch_yaml import guess
 from rorg.tools.importing.manifests import write_tree
-from rorg.tools.importing.ros2_commands import in_shell, value_text
+from rorg.tools.importing.ros2_commands import value_text
 from rorg.tools.importing.roslaunch import from_roslaunch
 
 CASES = launch_cases.cases()
@@ -207,12 +205,6 @@ def test_words_split_where_a_shell_splits_them_but_not_within_a_substitution():
     assert split("", filled) == []
 
 
-@pytest.mark.parametrize("word", ["", "a b", "$(id)", "`id`", "'\"$HOME", "$(find-exec sh)/x $(id)", "\\", "-n\n"])
-def test_a_shell_sees_the_same_word_except_for_what_it_finds_out(word):
-    done = subprocess.run(["sh", "-c", f"printf %s {in_shell(word)}"], capture_output=True, text=True, check=True)
-    assert done.stdout == word.replace("$(find-exec sh)", done.stdout[: done.stdout.find("sh") + 2])
-
-
 def test_a_generated_launch_file_says_what_the_launch_file_said(tmp_path):
     (tmp_path / "one").mkdir()
     case = next(case for case in CASES if case.name == "nav2-bringup")
@@ -220,27 +212,3 @@ def test_a_generated_launch_file_says_what_the_launch_file_said(tmp_path):
     again = imported_text(tmp_path, text, "again.launch.xml")
     assert next(iter(again.files.values())).split("\n")[1:] == text.split("\n")[1:]
     assert ElementTree.fromstring(text).tag == "launch"
-
-
-def test_the_command_tells_ros_1_from_ros_2_or_asks(tmp_path):
-    environment = {name: value for name, value in os.environ.items() if not name.startswith("RORG_")}
-
-    def rorg(line: str):
-        return commands.run(line.split(), environment, tmp_path)
-
-    (tmp_path / "x.launch").write_text('<launch><arg name="a" default="$(env ARM left)"/></launch>')
-    (tmp_path / "bot.launch.xml").write_text(
-        '<launch><node pkg="p" exec="$(env ARM left)_arm"/><node pkg="p" exec="b"/></launch>'
-    )
-    asked = rorg("import roslaunch x.launch")
-    assert asked.returncode == 2
-    assert "try `--ros 1` or `--ros 2`" in asked.stderr
-    assert "x.launch starts nothing" in rorg("import roslaunch x.launch --ros 2").stderr
-    assert rorg("import roslaunch x.launch --ros 1 --output one").returncode == 0
-    assert rorg("import launch x.launch --ros 1 --output two").returncode == 0, "as people call it for ROS 2"
-    environment["ARM"] = "right"
-    done = rorg("import roslaunch bot.launch.xml")
-    assert done.returncode == 0, done.stderr
-    assert "$(env ARM) has the value of this import's environment" in done.stderr
-    assert rorg("validate manifests").returncode == 0
-    assert "command: [ros2, run, p, right_arm]" in (tmp_path / "manifests/services/right_arm.yaml").read_text()

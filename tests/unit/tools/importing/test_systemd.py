@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import json
-import os
 from pathlib import Path
 
-import commands
 import pytest
 
 from rorg.manifest.load import load
@@ -167,25 +164,3 @@ def test_arguments_that_are_missing_rings_and_broken_files_are_told():
     assert launched("nosuch.launch", {}).errors
     FILES["/ws/mypkg/launch/bad.launch"] = "<launch>\n<node></launch>"
     assert "bad.launch:2:" in str(launched("bad.launch", {}).errors[0])
-
-
-def test_the_commands_write_once_and_only_what_is_whole(tmp_path):
-    def rorg(line: str):
-        return commands.run(line.split(), dict(os.environ), tmp_path)
-
-    (tmp_path / "nav.service").write_text("[Service]\nExecStart=/x\n")
-    (tmp_path / "bad.service").write_text("[Service]\nType=forking\nExecStart=/x\n")
-    done = rorg("import systemd nav.service bad.service")
-    assert done.returncode == 2
-    assert "bad.service:2:1: error: Type=forking" in done.stderr
-    assert not (tmp_path / "manifests").exists()
-    written = rorg("import systemd nav.service")
-    assert (written.returncode, written.stderr.splitlines()[-1]) == (0, "next: rorg run --engine process manifests")
-    assert "next: rorg run other" in rorg("import systemd nav.service --image debian --output other").stderr
-    again = rorg("import systemd nav.service")
-    assert again.returncode == 5
-    assert "--force" in again.stderr
-    told = json.loads(rorg("import systemd nav.service --force -o json").stdout)
-    assert told["files"] == ["manifests/services/nav.yaml"]
-    assert rorg("validate").returncode == 0
-    assert (tmp_path / "manifests/schemas/service.json").exists()

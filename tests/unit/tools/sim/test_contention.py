@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 
-import commands
 import pytest
+from busy_services import SERVICES
 from hypothesis import given
 from hypothesis import strategies as st
 from robots import write_tree
@@ -59,10 +58,6 @@ def fixed(value: float) -> Distribution:
     return Distribution((value,))
 
 
-SERVICES = {
-    "burner": {"resources": {"cpu": 3}, "container": {"cpu_shares": 2048}},
-    "arm": {"resources": {"cpu": 0.1}, "ready": {"tcp": 80}, "idle": {"action": "stop", "linger": "0s"}},
-}
 DAY = Trace(
     "day",
     60.0,
@@ -114,18 +109,3 @@ def test_enough_cores_change_nothing_but_that_it_is_told(catalog):
     enough, unlimited = simulate(catalog, DAY, LOADS, 1, cores=8.0), simulate(catalog, DAY, LOADS, 1)
     assert (enough.shortage.seconds, enough.shortage.core_seconds) == (0.0, 0.0)
     assert replace(enough, shortage=None) == unlimited
-
-
-def test_the_command_tells_how_short_the_cpu_was(tmp_path):
-    write_tree(tmp_path / "tree", SERVICES)
-    spec = "{duration: 20s, events: [{at: 0s, request: burn, services: [burner]}]}"
-    (tmp_path / "day.yaml").write_text(f"apiVersion: rorg/v1\nkind: Trace\nmetadata: {{name: day}}\nspec: {spec}\n")
-    words = ["simulate", "day.yaml", "tree", "--cores", "2"]
-    found = json.loads(commands.run([*words, "-o", "json"], cwd=tmp_path).stdout)["runs"][1]
-    assert found["cpu"] == pytest.approx(2.0, abs=0.02)
-    assert found["cpu_short"]["core_seconds"] == pytest.approx(20.0, abs=0.2)
-    table = commands.run(words, cwd=tmp_path).stdout
-    assert "CPU_SHORT" in table.splitlines()[0].replace(" ", "_")
-    assert "core seconds" in table
-    compared = commands.run([*words, "--compare", "linger=5s"], cwd=tmp_path).stdout
-    assert "CPU_SHORT" in compared.splitlines()[0].replace(" ", "_")
