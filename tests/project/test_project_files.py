@@ -117,7 +117,7 @@ def test_the_workflow_tries_all_pythons_and_runs_everything():
     assert jobs["quick"]["strategy"]["matrix"]["python"] == [f"3.{minor}" for minor in MINORS]
     assert {"run": ".ci/run"} in jobs["everything"]["steps"]
     commands = "\n".join(step.get("run", "") for job in jobs.values() for step in job["steps"])
-    for name in re.findall(r"tests/\w+\.py", commands):
+    for name in re.findall(r"tests/[\w/]+\.py", commands):
         assert (ROOT / name).exists(), name
     for called in re.findall(r"^make (.*)", commands, re.M):
         words = {word for word in called.partition("ARGS=")[0].split() if "=" not in word}
