@@ -15,7 +15,7 @@ import tempfile
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from common import ROOT, no_docker
+from common import ROOT, alone_on_the_machine, no_docker
 from wheels import selection
 
 BASE = "debian:bookworm-slim"
@@ -37,12 +37,15 @@ def bring(
 
     api = docker.APIClient(host, version="auto", timeout=600)
     kept = _kept(name, [ROOTFS, *sorted(p for p in folder.iterdir() if p.is_file()), *more])
-    if not (api.images(name) or _load(api, kept)):
+    if api.images(name) or _load(api, kept):
+        return name
+    with alone_on_the_machine("debian-images"), tempfile.TemporaryDirectory() as context:
+        if _load(api, kept):  # another worker has made it meanwhile
+            return name
         _bring_base(api)
-        with tempfile.TemporaryDirectory() as context:
-            shutil.copytree(folder, context, dirs_exist_ok=True)
-            complete(Path(context))
-            lines = list(api.build(path=context, tag=name, network_mode="host", decode=True, rm=True))
+        shutil.copytree(folder, context, dirs_exist_ok=True)
+        complete(Path(context))
+        lines = list(api.build(path=context, tag=name, network_mode="host", decode=True, rm=True))
         assert api.images(name), lines[-5:]
         _keep(api, name, kept)
     return name
