@@ -6,10 +6,13 @@ BIN := $(VENV)/bin
 # Twice quiet: setuptools warns at length of every editable installation.
 PIP = $(BIN)/python -m pip install --quiet --quiet --disable-pip-version-check $(if $(CONSTRAINTS),--constraint $(CONSTRAINTS))
 
-.PHONY: help demo test lint types schemas docs site dist deb constraints clean
+# Each worker of pytest-xdist would otherwise rewrite the asserts of every test file in each run: 12 seconds.
+unexport PYTHONDONTWRITEBYTECODE
+
+.PHONY: help demo test test-all lint types schemas docs site dist deb constraints clean
 
 help: ## this list
-	@awk -F ':.*## ' '/^[a-z]+:.* ## / {printf "make %-12s %s\n", $$1, $$2}' Makefile
+	@awk -F ':.*## ' '/^[a-z-]+:.* ## / {printf "make %-12s %s\n", $$1, $$2}' Makefile
 
 include tests/assurance/targets.mk
 
@@ -48,10 +51,18 @@ installed = $(if $(wildcard $(VENV)/test-installed),$(VENV)/test-installed,$(VEN
 demo: $(BIN)/rorg ## the tour-guide robot of 41 stand-in services, in under two minutes
 	@$(BIN)/rorg demo $(ARGS)
 
-# The tests begin hundreds of processes, in some of which the environment forbids to keep what was compiled.
-test: $(VENV)/test-installed lint types ## lint, types, and all tests but those of ROS 2; ARGS=tests/unit for some
+# The seed is fixed, so that everyone's run is the same; RORG_TEST_SEED=2 for other random examples. WORKERS=4 for more
+# workers than cores. The tests begin hundreds of processes, in some of which the environment forbids to keep what was
+# compiled. A file is one worker's, since its tests share what is slow to set up.
+test: $(VENV)/test-installed ## lint, types, and the quick tests: 3 minutes, no Docker needed; ARGS=tests/unit for some
 	@$(BIN)/python -m compileall -q rorg clients/python
-	$(if $(ARGS),$(BIN)/pytest $(ARGS),tests/all.sh $(BIN)/pytest $(VENV)/tests)
+	RORG_TEST_SEED=$(or $(RORG_TEST_SEED),1) $(BIN)/pytest $(or $(ARGS),-n $(or $(WORKERS),auto) --dist loadfile --no-loadscope-reorder -rfEs -m "smoke or not (slow or docker)")
+
+# More workers than cores, because most tests that are slow wait. Random examples are new in each run; the last lines
+# name their seed. Without a Docker engine, the tests that need one are skipped.
+test-all: $(VENV)/test-installed ## all tests, with those of Docker and ROS 2, as root; ARGS selects some of them
+	@$(BIN)/python -m compileall -q rorg clients/python
+	$(BIN)/pytest -n $(or $(WORKERS),4) --dist loadfile --folders -rfEs $(ARGS)
 
 lint: $(call installed,lint) ## ruff: mistakes, names, form
 	$(BIN)/ruff check .

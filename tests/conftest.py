@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 import hypothesis
 import pytest
+import parallel
 import witnesses
 from common import ROOT, SUPPORT, no_docker, run_in_container
 from cpp_program import SANITIZERS, WARNINGS, compile_all
@@ -32,10 +33,11 @@ os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).resolve().parent)
 # Begun in the background of a shell, SIGINT is ignored, also by all that the tests start.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
-_ran: Counter[str] = Counter()
+_passed: Counter[str] = Counter()
+_folders = parallel.Folders()
 
-# Everyone meets new examples in each run, CI too: what a user would find, CI finds first. There is no deadline, because
-# on a busy machine the time of an example means nothing.
+# `make test-all` meets new examples in each run. There is no deadline, because on a busy machine the time of an example
+# means nothing.
 hypothesis.settings.register_profile(
     "rorg", deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow], print_blob=True
 )
@@ -47,17 +49,23 @@ def _seed(config: pytest.Config) -> str:
     return f"RORG_TEST_SEED={config.getoption('hypothesis_seed')}"
 
 
+def pytest_addoption(parser):
+    parser.addoption("--folders", action="store_true", help="Show how long the tests of each folder took.")
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_configure(config):
-    """Draws the seed of random examples unless somebody names one. SIGTERM interrupts the session: its engines end."""
+    """Draws the seed of random examples unless somebody names one. All workers take the controller's."""
+    if parallel.is_worker(config):
+        config.option.hypothesis_seed = config.workerinput["rorg_seed"]
+        # Ctrl-C reaches each process of a terminal, and then the controller sends SIGTERM.
+        parallel.end_at_signals((signal.SIGTERM, signal.SIGINT))
+        return
     if config.getoption("hypothesis_seed") is None:
         config.option.hypothesis_seed = os.environ.get("RORG_TEST_SEED") or str(random.SystemRandom().getrandbits(32))
-
-    def end(number: int, frame: object) -> None:
-        signal.signal(signal.SIGTERM, signal.SIG_IGN)
-        raise KeyboardInterrupt("SIGTERM")
-
-    signal.signal(signal.SIGTERM, end)
+    parallel.end_at_signals((signal.SIGTERM,))
+    if config.getoption("numprocesses", None):
+        config.pluginmanager.register(parallel.Workers(str(config.option.hypothesis_seed)))
 
 
 @pytest.fixture(scope="session")
@@ -146,13 +154,14 @@ g++ -O1 -I/out/include /nodes/caller.cpp -o /out/caller $(pkg-config --cflags --
 
 
 @pytest.fixture(scope="session")
-def package(dockerd, ros_image, tmp_path_factory):
+def package(dockerd, ros_image, once):
     """The install space of the package, built by catkin; and a caller in C++."""
-    out = tmp_path_factory.mktemp("package") / "out"
-    out.mkdir()
-    binds = [f"{ROS_PACKAGE}:/package:ro", f"{out}:/out", f"{SUPPORT / 'ros_nodes'}:/nodes:ro"]
-    run_in_container(dockerd.host, ros_image, BUILD, binds)
-    return out
+
+    def make(out: Path) -> None:
+        binds = [f"{ROS_PACKAGE}:/package:ro", f"{out}:/out", f"{SUPPORT / 'ros_nodes'}:/nodes:ro"]
+        run_in_container(dockerd.host, ros_image, BUILD, binds)
+
+    return once("ros1-package", make)
 
 
 BUILD_ROS2 = """set -e
@@ -162,26 +171,29 @@ colcon build --merge-install --install-base /out"""
 
 
 @pytest.fixture(scope="session")
-def ros2(dockerd, tmp_path_factory) -> Iterator[Ros2]:
+def ros2(dockerd, once) -> Iterator[Ros2]:
     """Real ROS 2, with rorg's node built by colcon from a copy of clients/ros2. RORG_TEST_ROS2=/opt/ros/jazzy uses the
     one that is installed there."""
     from debian_images import bring_ros2, of_this_machine
     from ros2_programs import Ros2, domain_of_its_own
 
-    own, out = os.environ.get("RORG_TEST_ROS2"), tmp_path_factory.mktemp("ros2") / "out"
+    own = os.environ.get("RORG_TEST_ROS2")
     image, mounts = of_this_machine(dockerd.host, Path(own)) if own else (bring_ros2(dockerd.host), ())
-    out.mkdir()
-    binds = [*mounts, f"{ROOT / 'clients/ros2'}:/package:ro", f"{out}:/out"]
-    run_in_container(dockerd.host, image, BUILD_ROS2, binds)
+
+    def make(out: Path) -> None:
+        binds = [*mounts, f"{ROOT / 'clients/ros2'}:/package:ro", f"{out}:/out"]
+        run_in_container(dockerd.host, image, BUILD_ROS2, binds)
+
+    out = once("ros2-package", make)
     with domain_of_its_own() as domain:
         yield Ros2(dockerd.host, image, out, domain, mounts, ("/entry",) if own else ())
 
 
 @pytest.fixture(scope="session")
 def once(tmp_path_factory) -> Callable[[str, Callable[[Path], None]], Path]:
-    """What several need and nobody changes: `once(name, make)` is a folder that `make` has filled, in the first of the
-    runs of tests/all.sh that asks; others wait for it."""
-    root = Path(os.environ.get("RORG_TEST_SHARED") or tmp_path_factory.mktemp("shared"))
+    """What several need and nobody changes: `once(name, make)` is a folder that `make` has filled, in the first
+    worker that asks; others wait for it."""
+    root = Path(os.environ.get(parallel.SHARED) or tmp_path_factory.mktemp("shared"))
 
     def made(name: str, make: Callable[[Path], None]) -> Path:
         folder, complete = root / name, root / f"{name}.complete"
@@ -291,7 +303,7 @@ def _make_robot(request, tmp_path, kind):
 
 
 def pytest_collection_modifyitems(items):
-    """Whatever uses the engine is marked so: tests/all.sh gives these a run of their own."""
+    """Whatever uses the engine is marked so: `make test` leaves these out."""
     for item in items:
         if "dockerd" in item.fixturenames or "docker_robot" in item.fixturenames:
             item.add_marker("docker")
@@ -324,25 +336,29 @@ def pytest_runtest_makereport(item, call):
         )
         if kind is None:
             kind = "docker" if names & {"dockerd", "docker_robot"} else "no engine"
-        _ran[kind] += 1
+        report.user_properties.append(("engine", kind))  # which reaches the controller
 
 
-def _cause(report: pytest.TestReport) -> str:
-    """What counts as one failure: a test, or a fixture that several could not be set up with."""
-    crash = getattr(report.longrepr, "reprcrash", None)
-    shared = report.when == "setup" and crash is not None
-    return f"{crash.path}:{crash.lineno}" if shared else report.nodeid
+def pytest_runtest_logreport(report):
+    _folders.count(report)
+    if report.when == "call" and report.passed:
+        _passed[dict(report.user_properties).get("engine", "")] += 1
 
 
 def pytest_terminal_summary(terminalreporter, exitstatus):
+    config = terminalreporter.config
+    if parallel.is_worker(config):
+        return  # the controller has the reports of all
     path = os.environ.get("RORG_TEST_FAILED")
     if path and exitstatus == pytest.ExitCode.TESTS_FAILED:
         reports = [r for kind in ("failed", "error") for r in terminalreporter.stats.get(kind, ())]
-        causes = {r.nodeid: _cause(r) for r in reports}
-        with Path(path).open("a") as file:
-            file.writelines(f"{cause}\t{test}\n" for test, cause in sorted(causes.items()))
-    counts = ", ".join(f"{_ran[k]} on {k}" for k in ("docker", "process", "sim") if _ran[k])
-    terminalreporter.write_line(f"random examples: {_seed(terminalreporter.config)}")
-    terminalreporter.write_line(f"tests passed by engine: {counts or 'none'}; {_ran['no engine']} need no engine")
-    if not _ran["docker"] and terminalreporter.config.option.markexpr != "not docker":
+        parallel.write_failed(Path(path), reports)
+    if config.getoption("folders"):
+        terminalreporter.section("time by folder")
+        for line in _folders.lines():
+            terminalreporter.write_line(line)
+    counts = ", ".join(f"{_passed[k]} on {k}" for k in ("docker", "process", "sim") if _passed[k])
+    terminalreporter.write_line(f"random examples: {_seed(config)}")
+    terminalreporter.write_line(f"tests passed by engine: {counts or 'none'}; {_passed['no engine']} need no engine")
+    if not _passed["docker"] and config.option.markexpr != "not docker":
         terminalreporter.write_line("NO TEST RAN ON DOCKER", red=True, bold=True)

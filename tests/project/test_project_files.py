@@ -16,7 +16,7 @@ from common import ROOT
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 METADATA = PROJECT["project"]
 MOST_LINES = {"README.md": 130, "CHANGELOG.md": 80}
-MOST_TARGETS = 12
+MOST_TARGETS = 13
 YAML = [ROOT / ".pre-commit-config.yaml", *sorted((ROOT / ".github").rglob("*.yml"))]
 FORMS = [ROOT / ".github/ISSUE_TEMPLATE/bug.yml", ROOT / ".github/ISSUE_TEMPLATE/feature.yml"]
 MINORS = range(11, 15)
