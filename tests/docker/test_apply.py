@@ -58,6 +58,7 @@ def test_a_wanted_service_that_cannot_succeed_is_told_at_once(robot, through, br
 
 
 @pytest.mark.parametrize("through", [False, True], ids=["alone", "through"])
+@pytest.mark.smoke
 def test_without_wait_failing_wanted_services_are_no_success(robot, through):
     write_tree(robot.tree, {"base": {"always_on": True}, "arm": {"always_on": True, **NOWHERE}})
     if through:

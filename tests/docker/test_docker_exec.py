@@ -87,6 +87,7 @@ def test_a_command_that_cleared_its_environment_is_ended_here(engine, container)
     wait_for(lambda: len(programs(engine, container)) == 1)
 
 
+@pytest.mark.smoke
 def test_exit_codes_and_the_whole_output_come_back(engine, container):
     for number in range(10):
         said = engine.exec(container, ["sh", "-c", f"echo out; echo err >&2; exit {number}"], 10.0)

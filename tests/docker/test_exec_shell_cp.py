@@ -45,6 +45,7 @@ def rorg(robot, *words: str, code: int = 0, said: bytes = b"", **more) -> subpro
 # -- in pipes --------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.smoke
 def test_what_it_prints_comes_apart_and_its_exit_code_is_ours(robot):
     done = rorg(robot, "exec", "arm", "--", "sh", "-c", 'echo "out $WHERE"; echo err >&2; exit 7', code=7)
     assert (done.stdout, done.stderr) == (b"out inside\n", b"err\n")

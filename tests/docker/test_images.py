@@ -328,6 +328,7 @@ TAR = (
 )
 
 
+@pytest.mark.smoke
 def test_an_import_is_labelled_and_one_that_fails_leaves_nothing(place, tmp_path):
     (tmp_path / "data").write_text("imported")
     script = TAR.format(tmp_path / "data")

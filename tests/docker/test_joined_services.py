@@ -43,6 +43,7 @@ def runs(robot) -> dict[str, str]:
     return {c.service: c.incarnation for c in sorted(robot.containers(), key=lambda c: (c.alive, c.started_at))}
 
 
+@pytest.mark.smoke
 def test_what_docker_runs_is_joined_and_follows_what_it_joins(docker_robot):
     robot = docker_robot
     robot.declare({"base": {**BASE, "container": {**BASE["container"], "volumes": ["/shared"]}}, **JOINED})

@@ -239,6 +239,7 @@ def test_the_log_of_a_program_that_never_stops_printing_has_an_end(tmp_path):
     assert shown >= count
 
 
+@pytest.mark.smoke
 def test_docker_gives_times_and_every_line_once(docker_robot, tmp_path):
     robot, folder = docker_robot, tmp_path / "counts"
     robot.with_server = True

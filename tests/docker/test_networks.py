@@ -39,6 +39,7 @@ def named(client: Client, kind: str, name: str) -> dict | None:
     return next((row for row in rows if row["Name"] == name), None)
 
 
+@pytest.mark.smoke
 def test_they_are_made_and_used_again(docker_robot, client):
     robot = docker_robot
     robot.declare({"base": SERVICE, "lidar": SERVICE}, networks=NETWORKS, volumes=VOLUMES)

@@ -60,6 +60,7 @@ def test_kill_9_at_random_moments_loses_nothing(daemon):
     assert len(robot.containers()) == len({c.service for c in robot.containers()}), "two containers of a service"
 
 
+@pytest.mark.smoke
 def test_a_restart_adopts_what_runs(daemon):
     robot = daemon.robot
     daemon.start()
@@ -95,6 +96,7 @@ def test_two_rorgs_never_own_one_robot(daemon):
     assert f"pid {daemon.process.pid}" in other.stderr
 
 
+@pytest.mark.smoke
 def test_a_restart_of_the_engine_is_survived(docker_robot, dockerd):
     if not hasattr(dockerd, "folder"):
         pytest.skip("the engine is not ours to restart")

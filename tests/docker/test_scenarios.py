@@ -12,6 +12,7 @@ NAVIGATION = {
 }
 
 
+@pytest.mark.smoke
 def test_nothing_runs_until_it_is_requested(robot):
     robot.declare(NAVIGATION)
     robot.wait(lambda: set(robot.states().values()) == {"created"} and len(robot.states()) == 4)
@@ -19,6 +20,7 @@ def test_nothing_runs_until_it_is_requested(robot):
     assert robot.active() == set()
 
 
+@pytest.mark.smoke
 def test_a_request_starts_what_is_needed_first_and_its_release_ceases_it(robot):
     robot.declare(NAVIGATION)
     robot.settle()
@@ -43,6 +45,7 @@ def test_a_request_starts_what_is_needed_first_and_its_release_ceases_it(robot):
     assert resumed is robot.can("pause")
 
 
+@pytest.mark.smoke
 def test_idle_remove_leaves_no_container(robot):
     robot.declare({"camera": {"idle": {"action": "remove"}}})
     robot.settle()
@@ -65,6 +68,7 @@ def test_a_group_stands_for_its_members(robot):
     robot.wait(lambda: robot.active() == set(NAVIGATION))
 
 
+@pytest.mark.smoke
 def test_a_crash_is_repaired_at_once(robot):
     robot.declare({"camera": {"always_on": True}})
     robot.wait(lambda: robot.active() == {"camera"})
@@ -75,6 +79,7 @@ def test_a_crash_is_repaired_at_once(robot):
     assert robot.container("camera").id == before.id
 
 
+@pytest.mark.smoke
 def test_a_stop_behind_its_back_is_undone(robot):
     robot.declare({"camera": {"always_on": True}})
     robot.wait(lambda: robot.active() == {"camera"})
@@ -85,6 +90,7 @@ def test_a_stop_behind_its_back_is_undone(robot):
     assert robot.container("camera").id == before.id
 
 
+@pytest.mark.smoke
 def test_a_pause_behind_its_back_is_undone(robot):
     robot.declare({"camera": {"always_on": True}})
     robot.wait(lambda: robot.active() == {"camera"})
@@ -134,6 +140,7 @@ def test_requests_sleep_while_their_requester_is_not_wanted_and_come_back_with_i
     robot.wait(lambda: robot.active() == ({"behaviour", "camera"} if robot.can("pause") else {"behaviour"}))
 
 
+@pytest.mark.smoke
 def test_a_change_replaces_exactly_one_container(robot):
     robot.declare({"aa": {"always_on": True}, "bb": {"always_on": True}})
     robot.wait(lambda: robot.active() == {"aa", "bb"})

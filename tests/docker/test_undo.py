@@ -53,6 +53,7 @@ def mounted(request, tmp_path):
     robot.close()
 
 
+@pytest.mark.smoke
 def test_a_bad_mounted_file_is_rolled_back(mounted):
     bad = mounted.save(ENDS)
     stands(mounted, bad, "failed")

@@ -39,6 +39,7 @@ BAD = {
 }
 
 
+@pytest.mark.smoke
 def test_what_cannot_start_leaves_the_old_container_in_service(docker_robot, dockerd):
     """All of BAD at once: the container of before is the one that runs afterwards, and the robot comes to rest."""
     robot = docker_robot
