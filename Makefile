@@ -51,18 +51,22 @@ installed = $(if $(wildcard $(VENV)/test-installed),$(VENV)/test-installed,$(VEN
 demo: $(BIN)/rorg ## the tour-guide robot of 41 stand-in services, in under two minutes
 	@$(BIN)/rorg demo $(ARGS)
 
+# A file is one worker's, since its tests share what is slow to set up. A worker that crashes ends the run: a new one
+# would meet the same test. Failures and errors are listed at the end, and skipped tests with their reasons.
+PARALLEL := --dist loadfile --max-worker-restart 0 -rfEs
+
 # The seed is fixed, so that everyone's run is the same; RORG_TEST_SEED=2 for other random examples. WORKERS=4 for more
 # workers than cores. The tests begin hundreds of processes, in some of which the environment forbids to keep what was
-# compiled. A file is one worker's, since its tests share what is slow to set up.
+# compiled.
 test: $(VENV)/test-installed ## lint, types, and the quick tests: 3 minutes, no Docker needed; ARGS=tests/unit for some
 	@$(BIN)/python -m compileall -q rorg clients/python
-	RORG_TEST_SEED=$(or $(RORG_TEST_SEED),1) $(BIN)/pytest $(or $(ARGS),-n $(or $(WORKERS),auto) --dist loadfile --no-loadscope-reorder -rfEs -m "smoke or not (slow or docker)")
+	RORG_TEST_SEED=$(or $(RORG_TEST_SEED),1) $(BIN)/pytest $(or $(ARGS),-n $(or $(WORKERS),auto) $(PARALLEL) --no-loadscope-reorder -m "smoke or not (slow or docker)")
 
 # More workers than cores, because most tests that are slow wait. Random examples are new in each run; the last lines
 # name their seed. Without a Docker engine, the tests that need one are skipped.
 test-all: $(VENV)/test-installed ## all tests, with those of Docker and ROS 2, as root; ARGS selects some of them
 	@$(BIN)/python -m compileall -q rorg clients/python
-	$(BIN)/pytest -n $(or $(WORKERS),4) --dist loadfile --folders -rfEs $(ARGS)
+	$(BIN)/pytest -n $(or $(WORKERS),4) $(PARALLEL) --folders $(ARGS)
 
 lint: $(call installed,lint) ## ruff: mistakes, names, form
 	$(BIN)/ruff check .

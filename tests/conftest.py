@@ -65,7 +65,8 @@ def pytest_configure(config):
         config.option.hypothesis_seed = os.environ.get("RORG_TEST_SEED") or str(random.SystemRandom().getrandbits(32))
     parallel.end_at_signals((signal.SIGTERM,))
     if config.getoption("numprocesses", None):
-        config.pluginmanager.register(parallel.Workers(str(config.option.hypothesis_seed)))
+        workers = parallel.Workers(str(config.option.hypothesis_seed))
+        config.pluginmanager.register(workers, parallel.Workers.__name__)
 
 
 @pytest.fixture(scope="session")
@@ -350,7 +351,9 @@ def pytest_terminal_summary(terminalreporter, exitstatus):
     if parallel.is_worker(config):
         return  # the controller has the reports of all
     path = os.environ.get("RORG_TEST_FAILED")
-    if path and exitstatus == pytest.ExitCode.TESTS_FAILED:
+    if not parallel.all_ran(config):
+        terminalreporter.write_line("A WORKER ENDED EARLY: not all tests ran", red=True, bold=True)
+    elif path and exitstatus == pytest.ExitCode.TESTS_FAILED:
         reports = [r for kind in ("failed", "error") for r in terminalreporter.stats.get(kind, ())]
         parallel.write_failed(Path(path), reports)
     if config.getoption("folders"):

@@ -29,6 +29,8 @@ class Workers:
     def __init__(self, seed: str) -> None:
         self.seed = seed
         self.nodes: list = []
+        self.crashed = False
+        """Then tests are missing that the worker was to run."""
         self.made = "" if os.environ.get(SHARED) else tempfile.mkdtemp(prefix="rorg-tests-shared-")
         if self.made:
             os.environ[SHARED] = self.made  # the workers inherit it
@@ -37,6 +39,10 @@ class Workers:
     def pytest_configure_node(self, node) -> None:
         node.workerinput["rorg_seed"] = self.seed
         self.nodes.append(node)
+
+    @pytest.hookimpl(optionalhook=True)
+    def pytest_testnodedown(self, node, error) -> None:
+        self.crashed = self.crashed or bool(error)
 
     def pytest_keyboard_interrupt(self) -> None:
         """Tells the workers, which a signal to this process alone does not reach, and waits for their fixtures."""
@@ -55,6 +61,12 @@ class Workers:
         if self.made:
             del os.environ[SHARED]
             shutil.rmtree(self.made, ignore_errors=True)
+
+
+def all_ran(config: pytest.Config) -> bool:
+    """No worker ended before its tests had run."""
+    workers = config.pluginmanager.get_plugin(Workers.__name__)
+    return workers is None or not workers.crashed
 
 
 def end_at_signals(numbers: tuple[int, ...]) -> None:
