@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import hypothesis
-import pytest
 import parallel
+import pytest
 import witnesses
 from common import ROOT, SUPPORT, no_docker, run_in_container
 from cpp_program import SANITIZERS, WARNINGS, compile_all

@@ -11,6 +11,7 @@ import pytest
 from common import ROOT, wait_for
 from py_trees.common import Status
 from robots import RealRobot
+from tools import tool
 
 PAGE = (ROOT / "docs/how-to/behavior-trees.md").read_text()
 TREE = {"camera": {"ready": {"exec": ["true"], "interval": "50ms"}}, "arm": {}, "lidar": {"conflicts": ["arm"]}}
@@ -115,7 +116,7 @@ def test_the_leaves_for_cpp(robot, tmp_path):
     program = tmp_path / "leaves"
     flags = ["-std=c++17", "-Wall", "-Wextra", "-Werror", "-pthread"]
     where = [f"-I{ROOT / 'clients/cpp/include'}", f"-I{ROOT / 'tests'}"]
-    subprocess.run(["g++", *flags, *where, tmp_path / "leaves.cpp", "-o", program], check=True)
+    subprocess.run([tool("g++"), *flags, *where, tmp_path / "leaves.cpp", "-o", program], check=True)
     environment = {**os.environ, "RORG_SOCKET": robot.socket()}
     with subprocess.Popen(
         [program, "camera"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment

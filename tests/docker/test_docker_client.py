@@ -15,6 +15,7 @@ import pytest
 from common import BASE_IMAGE, wait_for
 from forwarder import Forwarder
 from robots import WORK
+from tools import tool
 
 from rorg.core.observed import LABEL_OWNER, LABEL_SERVICE
 from rorg.core.operations import Start
@@ -151,13 +152,15 @@ def encrypted(dockerd, tmp_path):
     say = {"stdin": subprocess.DEVNULL, "capture_output": True, "check": True, "cwd": tmp_path}
     key = ["-newkey", "rsa:2048", "-nodes"]
     subprocess.run(
-        ["openssl", "req", "-x509", *key, "-keyout", "ca-key.pem", "-out", "ca.pem", "-subj", "/CN=tests"], **say
+        [tool("openssl"), "req", "-x509", *key, "-keyout", "ca-key.pem", "-out", "ca.pem", "-subj", "/CN=tests"], **say
     )
     (tmp_path / "names").write_text("subjectAltName=IP:127.0.0.1")
     for name in ("server", "cert"):
         keyed = "key.pem" if name == "cert" else "server-key.pem"
-        subprocess.run(["openssl", "req", *key, "-keyout", keyed, "-out", f"{name}.csr", "-subj", f"/CN={name}"], **say)
-        sign = ["openssl", "x509", "-req", "-in", f"{name}.csr", "-CA", "ca.pem", "-CAkey", "ca-key.pem"]
+        subprocess.run(
+            [tool("openssl"), "req", *key, "-keyout", keyed, "-out", f"{name}.csr", "-subj", f"/CN={name}"], **say
+        )
+        sign = [tool("openssl"), "x509", "-req", "-in", f"{name}.csr", "-CA", "ca.pem", "-CAkey", "ca-key.pem"]
         subprocess.run([*sign, "-CAcreateserial", "-out", f"{name}.pem", "-extfile", "names"], **say)
     context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH, cafile=tmp_path / "ca.pem")
     context.load_cert_chain(tmp_path / "server.pem", tmp_path / "server-key.pem")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import socket
 import stat
 import subprocess
@@ -14,9 +13,10 @@ from pathlib import Path
 
 import pytest
 from built_images import BOTH, TAG, files_of
-from common import BASE_IMAGE, free_port, no_docker, wait_for
+from common import BASE_IMAGE, free_port, wait_for
 from forwarder import Forwarder
 from image_trees import Heard, Place, images, orders_of
+from tools import tool
 
 from rorg.errors import Invalid
 from rorg.images import buildkit
@@ -351,14 +351,11 @@ def test_an_import_is_labelled_and_one_that_fails_leaves_nothing(place, tmp_path
 @pytest.fixture
 def registry(tmp_path):
     """A registry on the loopback, which the engine takes for a trusted one: (its address, its process)."""
-    if not shutil.which("docker-registry"):
-        no_docker("no docker-registry")
+    program = tool("docker-registry")
     address, config = f"127.0.0.1:{free_port()}", tmp_path / "registry.json"
     storage = {"filesystem": {"rootdirectory": str(tmp_path / "registry")}}
     config.write_text(json.dumps({"version": 0.1, "storage": storage, "http": {"addr": address}}))
-    process = subprocess.Popen(
-        ["docker-registry", "serve", config], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-    )
+    process = subprocess.Popen([program, "serve", config], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     wait_for(lambda: answers(address), 60, "the registry")
     yield address, process
     process.kill()

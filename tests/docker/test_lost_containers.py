@@ -10,6 +10,7 @@ from pathlib import Path
 import commands
 import pytest
 from robots import VirtualRobot
+from tools import tool
 
 ALWAYS = {"always_on": True, "update": {"bake": "0s"}}
 CHANGED = {**ALWAYS, "container": {"hostname": "other"}}
@@ -20,11 +21,11 @@ def stuck(folder: Path):
     """A folder of the engine with a file that nobody can delete."""
     file = folder / "stuck"
     file.touch()
-    subprocess.run(["chattr", "+i", file], check=True)
+    subprocess.run([tool("chattr"), "+i", file], check=True)
     try:
         yield
     finally:
-        subprocess.run(["chattr", "-i", file], check=True)
+        subprocess.run([tool("chattr"), "-i", file], check=True)
 
 
 def said(robot, *words: str) -> tuple[int, str]:

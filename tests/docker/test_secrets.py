@@ -15,6 +15,7 @@ import yaml
 from common import BASE_IMAGE, wait_for
 from image_trees import images, orders_of
 from robots import WORK, write_tree
+from tools import tool
 
 from rorg.core.diff import declared_now, difference
 from rorg.core.digest import canonical, declared_fields, digest
@@ -130,7 +131,7 @@ class Shell:
 
     def curl(self, address: str, *words: str) -> str:
         socket = self.state / "run/rorg.sock"
-        line = ["curl", "-s", "-i", "--max-time", "20", "--unix-socket", socket, *words, f"http://x{address}"]
+        line = [tool("curl"), "-s", "-i", "--max-time", "20", "--unix-socket", socket, *words, f"http://x{address}"]
         return subprocess.run(line, capture_output=True, text=True, check=True).stdout
 
     def all_files(self) -> None:

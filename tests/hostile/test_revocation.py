@@ -11,6 +11,7 @@ from pathlib import Path
 from certificates import certificate
 from common import free_port, wait_for
 from rorg_process import RorgProcess
+from tools import tool
 
 CONFIG = """[ca]
 default_ca = here
@@ -28,7 +29,7 @@ def revoke(folder: Path, *names: str) -> None:
         (folder / "index").write_text("")
         (folder / "number").write_text("01\n")
         (folder / "ca.conf").write_text(CONFIG)
-    ca = ["openssl", "ca", "-config", "ca.conf", "-keyfile", "authority.key", "-cert", "authority.pem"]
+    ca = [tool("openssl"), "ca", "-config", "ca.conf", "-keyfile", "authority.key", "-cert", "authority.pem"]
     for name in names:
         subprocess.run([*ca, "-revoke", f"{name}.pem"], cwd=folder, check=True, capture_output=True)
     subprocess.run([*ca, "-gencrl", "-out", "new.pem"], cwd=folder, check=True, capture_output=True)

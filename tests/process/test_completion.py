@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import pty
 import re
-import shutil
 import subprocess
 import sys
 
@@ -13,6 +12,7 @@ import pytest
 from common import readable, wait_for
 from robots import write_tree
 from thin_commands import SERVICES, heavy, imported, robot, rorg  # noqa: F401
+from tools import tool
 
 from rorg.cli.app import typer_command
 from rorg.cli.commands import COMMANDS
@@ -128,13 +128,12 @@ def test_bash_itself_completes(robot, tmp_path):  # noqa: F811
     assert lines[2:] == ["process", "why"]
 
 
-@pytest.mark.skipif(not shutil.which("fish"), reason="no fish here")
 def test_fish_itself_completes(robot, tmp_path):  # noqa: F811
     (tmp_path / "folder").mkdir()
     asked = ["why na", "request base ", "why --engine=p", "restart --wa", "diff fol", "why 'na"]
     lines = "\n".join(f'complete -C "rorg {line}"; echo "-- $status"' for line in asked)
     done = subprocess.run(
-        ["fish", "--no-config", "-c", f"source {tmp_path}/script\n{lines}"],
+        [tool("fish"), "--no-config", "-c", f"source {tmp_path}/script\n{lines}"],
         capture_output=True,
         text=True,
         timeout=60,
@@ -153,15 +152,14 @@ def test_fish_itself_completes(robot, tmp_path):  # noqa: F811
     ], done.stderr
 
 
-@pytest.mark.skipif(not shutil.which("zsh"), reason="no zsh here")
 def test_zsh_itself_completes(robot, tmp_path):  # noqa: F811
     """On a terminal: after TAB the line goes on, or shows what may stand there."""
     (tmp_path / "folder").mkdir()
-    environment = shell_of(robot, tmp_path, "zsh")
+    environment, zsh = shell_of(robot, tmp_path, "zsh"), tool("zsh")
     pid, terminal = pty.fork()
     if pid == 0:
         os.chdir(tmp_path)
-        os.execvpe("zsh", ["zsh", "-f", "-i"], environment)
+        os.execve(zsh, ["zsh", "-f", "-i"], environment)
     seen = ""
 
     def shows(text: str) -> None:

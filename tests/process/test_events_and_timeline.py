@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
-import os
 import re
-import shutil
 import subprocess
 import sys
 from datetime import UTC, datetime, timedelta
@@ -18,6 +16,7 @@ from common import ROOT
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from robots import RealRobot
+from tools import tool
 
 from rorg.api import records as protobuf
 from rorg.client import Forbidden
@@ -29,7 +28,6 @@ from rorg.history.repeats import folded
 from rorg.history.revisions import Made, Revision, Revisions, parse
 
 PROTO = ROOT / "schemas/journal.proto"
-PROTOC = shutil.which("protoc")
 PAGE = ROOT / "docs/how-to/history.md"
 BEGIN = datetime(2026, 1, 31, 10, tzinfo=UTC)
 
@@ -44,11 +42,8 @@ def at(seconds: float) -> str:
 @pytest.fixture(scope="module")
 def reader(tmp_path_factory):
     """The module of the page, over what protoc makes of the schema."""
-    if not PROTOC:
-        assert not os.environ.get("CI"), "there is no protoc"
-        pytest.skip("no protoc here")
     folder = tmp_path_factory.mktemp("reader")
-    subprocess.run([PROTOC, "-I", PROTO.parent, f"--python_out={folder}", PROTO.name], check=True)
+    subprocess.run([tool("protoc"), "-I", PROTO.parent, f"--python_out={folder}", PROTO.name], check=True)
     (folder / "reading.py").write_text(re.search(r"```python\n(.*?)```", PAGE.read_text(), re.S)[1])
     sys.path.insert(0, str(folder))
     try:

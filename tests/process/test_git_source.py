@@ -15,6 +15,7 @@ import pytest
 from common import free_port, wait_for
 from git_origin import Origin, git
 from robots import write_tree
+from tools import tool
 
 from rorg.api.manifest_change import ManifestChange
 from rorg.host.git import Commit, commit, head, revision
@@ -332,7 +333,7 @@ def test_a_fetch_that_is_killed_is_begun_anew(origin, tmp_path):
 def keys(tmp_path):
     """Two ssh keys, and a file in which only Anna's is."""
     for name in ("anna", "eve"):
-        make = ["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-C", name, "-f", str(tmp_path / name)]
+        make = [tool("ssh-keygen"), "-q", "-t", "ed25519", "-N", "", "-C", name, "-f", str(tmp_path / name)]
         subprocess.run(make, check=True)
     (tmp_path / "signers").write_text(f"anna@example.org {(tmp_path / 'anna.pub').read_text()}")
     return tmp_path
@@ -357,11 +358,20 @@ def test_only_signed_commits_come_into_force(origin, keys, tmp_path):
 
 
 def gpg(home: Path, *words: str) -> str:
-    command = ["gpg", "--homedir", str(home), "--batch", "--pinentry-mode", "loopback", "--passphrase", "", *words]
+    command = [
+        tool("gpg"),
+        "--homedir",
+        str(home),
+        "--batch",
+        "--pinentry-mode",
+        "loopback",
+        "--passphrase",
+        "",
+        *words,
+    ]
     return subprocess.run(command, check=True, capture_output=True, text=True).stdout
 
 
-@pytest.mark.skipif(shutil.which("gpg") is None, reason="GnuPG is not here")
 def test_the_keys_of_a_gnupg_home_count(origin, keys, tmp_path):
     home, trusted = Path(tempfile.mkdtemp(prefix="gpg-")), tmp_path / "trusted"  # a socket's path is short
     try:
@@ -408,7 +418,7 @@ def test_a_repository_of_another_user_is_followed_in_their_name(theirs, tmp_path
     assert head(found.tree).commit == made, "what root keeps of it is root's"
 
 
-WITHOUT = ["setpriv", "--bounding-set=-setuid,-setgid"]
+WITHOUT = "--bounding-set=-setuid,-setgid"
 """What a root is like that may not be others, as in a container."""
 
 
@@ -417,10 +427,8 @@ WITHOUT = ["setpriv", "--bounding-set=-setuid,-setgid"]
 def test_who_may_not_be_them_is_told_what_helps(theirs, root):
     words = "from rorg.host.git import refusal, revision; import sys; from pathlib import Path\n"
     words += "print(repr(revision(Path(sys.argv[1]))), refusal(Path(sys.argv[1])))"
-    if root and shutil.which("setpriv") is None:
-        pytest.skip("setpriv is not here")
     told = subprocess.run(
-        [*(WITHOUT if root else ()), others.python(), "-c", words, str(theirs)],
+        [*((tool("setpriv"), WITHOUT) if root else ()), others.python(), "-c", words, str(theirs)],
         user=None if root else others.STRANGER,
         cwd="/",
         env={"PYTHONPATH": others.IMPORTED, "HOME": "/nowhere", "PATH": os.defpath},

@@ -16,6 +16,7 @@ import yaml
 from common import free_port, wait_for
 from robots import RealRobot, write_tree
 from rorg_client.ros.notifications import serve
+from tools import tool
 
 from rorg.core.masking import Masker
 from rorg.daemon import notifier
@@ -321,7 +322,7 @@ def test_a_redirect_is_not_followed(receiver):
 def test_tls_with_a_known_authority_only(receiver, tmp_path, monkeypatch):
     key, certificate = tmp_path / "key.pem", tmp_path / "cert.pem"
     subprocess.run(
-        ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "1", "-subj", "/CN=nora",
+        [tool("openssl"), "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "1", "-subj", "/CN=nora",
          "-addext", "subjectAltName=IP:127.0.0.1", "-keyout", key, "-out", certificate],
         check=True, capture_output=True,
     )  # fmt: skip

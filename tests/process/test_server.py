@@ -16,6 +16,7 @@ import commands
 import pytest
 from common import wait_for
 from robots import RealRobot, write_tree
+from tools import tool
 
 import rorg.api.limits
 import rorg.host.git
@@ -215,7 +216,7 @@ def test_a_port_that_is_taken_is_told_at_once(tmp_path):
     names = {k: tmp_path / k for k in ("key", "cert")}
     subprocess.run(
         [
-            "openssl",
+            tool("openssl"),
             "req",
             "-x509",
             "-newkey",

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from common import ROOT, alone_on_the_machine
+from tools import tool
 
 WHOLE = pytest.mark.skipif(
     not os.environ.get("RORG_TEST_PACKAGES"),
@@ -215,10 +216,12 @@ def test_the_manual_page_has_every_command():
 
 
 def test_the_manual_page_is_what_man_takes_without_a_complaint():
-    if not shutil.which("groff"):
-        pytest.skip("no groff here")
     done = subprocess.run(
-        ["groff", "-man", "-ww", "-Tascii", "-P-cbu"], input=manual_page(), capture_output=True, text=True, check=True
+        [tool("groff"), "-man", "-ww", "-Tascii", "-P-cbu"],
+        input=manual_page(),
+        capture_output=True,
+        text=True,
+        check=True,
     )
     assert done.stderr == ""
     assert "--state-dir" in done.stdout

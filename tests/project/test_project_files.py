@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 import yaml
 from common import ROOT
+from tools import tool
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 METADATA = PROJECT["project"]
@@ -143,3 +144,23 @@ def test_each_hook_runs_a_tool_of_the_venv_on_files_that_are_there():
         assert tool.startswith(".venv/bin/")
         assert hook["language"] == "system"
         assert all((ROOT / word).exists() for word in words if word.startswith("tests/"))
+
+
+def test_ci_installs_each_program_that_tests_run():
+    """A test without its program is skipped on a newcomer's machine, and fails in CI."""
+    run = {
+        name for path in (ROOT / "tests").rglob("*.py") for name in re.findall(r'\btool\("([^"]+)"\)', path.read_text())
+    }
+    assert {"openssl", "ssh-keygen", "protoc", "g++", "cmake", "chromium"} <= run
+    assert run - set(re.findall(r"^need (\S+) ", (ROOT / ".ci/run").read_text(), re.M)) == set()
+
+
+def test_a_test_without_its_program_is_skipped_and_fails_where_it_is_required(monkeypatch):
+    monkeypatch.setenv("PATH", "/nowhere")
+    for name in ("CI", "RORG_TEST_REQUIRE_DOCKER"):
+        monkeypatch.delenv(name, raising=False)
+    with pytest.raises(pytest.skip.Exception, match="no ssh-keygen here; try `apt install openssh-client`"):
+        tool("ssh-keygen")
+    monkeypatch.setenv("CI", "true")
+    with pytest.raises(pytest.fail.Exception, match="required here: no ssh-keygen"):
+        tool("ssh-keygen")

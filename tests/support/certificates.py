@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import subprocess
 
+from tools import tool
+
 
 def certificate(folder, name: str, authority: str = "") -> None:
     """NAME.pem and NAME.key, signed by the authority, or by itself."""
 
     def openssl(*args: str) -> None:
-        subprocess.run(["openssl", *args], cwd=folder, check=True, capture_output=True)
+        subprocess.run([tool("openssl"), *args], cwd=folder, check=True, capture_output=True)
 
     kind, out = ("-new", f"{name}.csr") if authority else ("-x509", f"{name}.pem")
     openssl(

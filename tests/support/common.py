@@ -6,13 +6,13 @@ begin with it too."""
 from __future__ import annotations
 
 import fcntl
-import os
 import select
 import socket
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import NoReturn
 
 ROOT = Path(__file__).parents[2]
 """The top of the repository."""
@@ -53,13 +53,11 @@ def free_port() -> int:
         return found.getsockname()[1]
 
 
-def no_docker(reason: str):
-    """A test that cannot run for want of an engine: a failure where the engine should have been brought."""
-    import pytest
+def no_docker(reason: str) -> NoReturn:
+    """Skip a test without an engine, or fail it, as without any other tool."""
+    from tools import no_tool
 
-    if os.environ.get("RORG_TEST_REQUIRE_DOCKER"):
-        pytest.fail(f"a Docker engine is required here: {reason}")
-    pytest.skip(f"NO DOCKER ENGINE: {reason}")
+    no_tool(f"NO DOCKER ENGINE: {reason}")
 
 
 def run_in_container(host: str, image: str, script: str, binds: list[str]) -> None:

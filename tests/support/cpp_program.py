@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from common import ROOT
+from tools import tool
 
 WARNINGS = ["-Wall", "-Wextra", "-Werror"]
 SANITIZERS = {
@@ -25,7 +26,7 @@ SANITIZERS = {
 
 def compile_all(programs: Sequence[Sequence[str | Path]]) -> None:
     """Compiles each from its words, all at the same time, with the client's header."""
-    common = ["g++", "-std=c++17", "-O0", "-pthread", "-I", ROOT / "clients/cpp/include"]
+    common = [tool("g++"), "-std=c++17", "-O0", "-pthread", "-I", ROOT / "clients/cpp/include"]
     builds = [subprocess.Popen([*common, *words]) for words in programs]
     assert [build.wait() for build in builds] == [0] * len(builds)
 

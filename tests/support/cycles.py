@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from robots import Daemon
+from tools import tool
 
 PROGRAMS = Path(__file__).parent / "programs"
 SERVICES = {
@@ -45,7 +46,7 @@ def commands(cpp: Path | None) -> list[list[str]]:
 def compile_cpp(folder: Path, headers: Path) -> Path:
     made = folder / "cycle"
     source = PROGRAMS / "cycle.cpp"
-    subprocess.run(["g++", "-std=c++17", "-O0", "-pthread", "-I", headers, source, "-o", made], check=True)
+    subprocess.run([tool("g++"), "-std=c++17", "-O0", "-pthread", "-I", headers, source, "-o", made], check=True)
     return made
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -12,28 +11,19 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import axe_playwright_python
-import pytest
 from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
+from tools import tool
 
-CHROMIUM = shutil.which("chromium") or "/usr/bin/chromium"
 FLAGS = ("--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking")
 MORE = ("--disable-component-update", "--disable-sync")
 AXE = Path(axe_playwright_python.__file__).parent / "axe.min.js"
 
 
-def no_browser(reason: str) -> None:
-    """A failure where it should have been brought, as with Docker."""
-    if os.environ.get("RORG_TEST_REQUIRE_DOCKER"):
-        pytest.fail(f"a browser is required here: {reason}")
-    pytest.skip(f"NO BROWSER: {reason}")
-
-
 @contextmanager
 def browser(*more: str) -> Iterator[Browser]:
-    if not Path(CHROMIUM).exists():
-        no_browser("apt install chromium")
+    chromium = tool("chromium")
     with sync_playwright() as playwright:
-        made = playwright.chromium.launch(executable_path=CHROMIUM, args=[*FLAGS, *MORE, *more])
+        made = playwright.chromium.launch(executable_path=chromium, args=[*FLAGS, *MORE, *more])
         try:
             yield made
         finally:

@@ -12,10 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from page_browser import no_browser
+from tools import tool
 from websocket import WebSocket, WebSocketTimeoutException, create_connection
 
-FIREFOX = shutil.which("firefox-esr") or shutil.which("firefox")
 QUIET = {
     "app.update.enabled": False,
     "browser.shell.checkDefaultBrowser": False,
@@ -30,11 +29,10 @@ class Firefox:
     """One page. `complaints`: what its console has told."""
 
     def __init__(self, folder: Path) -> None:
-        if FIREFOX is None:
-            no_browser("apt install firefox-esr")
+        firefox = shutil.which("firefox") or tool("firefox-esr")
         lines = (f"user_pref({json.dumps(key)}, {json.dumps(value)});" for key, value in QUIET.items())
         (folder / "user.js").write_text("\n".join(lines))
-        command = [str(FIREFOX), "--headless", "--no-remote", "--profile", str(folder), "--remote-debugging-port", "0"]
+        command = [firefox, "--headless", "--no-remote", "--profile", str(folder), "--remote-debugging-port", "0"]
         self.process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
         assert self.process.stderr is not None
         for line in self.process.stderr:
