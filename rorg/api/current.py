@@ -21,6 +21,8 @@ class Current:
     """Of all declared services, and of those that are withheld."""
     clock: float
     """The time of the pass, in seconds of its clock, by which leases run."""
+    in_git: bool = False
+    """The manifests are committed, so that `rorg rollback` can return to earlier ones."""
 
     @property
     def catalog(self) -> Catalog:

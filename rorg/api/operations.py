@@ -116,7 +116,7 @@ class Operations:
 
     @property
     def current(self) -> Current:
-        return Current(self.decision, self.statuses(), self._loop.clock())
+        return Current(self.decision, self.statuses(), self._loop.clock(), in_git=self.tree.commit is not None)
 
     def snapshot(self) -> str:
         """The whole state in one answer, as StatusView. Raises Busy like `decision`."""

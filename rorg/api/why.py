@@ -11,6 +11,7 @@ from rorg.core.admission import admit
 from rorg.core.status import Status
 from rorg.model.catalog import Catalog
 from rorg.model.codes import VANISHED
+from rorg.model.health import Health
 
 
 def why_active(current: Current, name: str) -> list[dict[str, Any]]:
@@ -53,7 +54,11 @@ def _why(current: Current, name: str) -> dict[str, Any]:
             *current.decision.plan.reasons().get(name, ()),
             *_probing(status),
         ],
-        "cautions": [*status.cautions, *([ready.message] if ready.reason == VANISHED else [])],
+        "cautions": [
+            *status.cautions,
+            *([ready.message] if ready.reason == VANISHED else []),
+            *_spoiled(current, status),
+        ],
     }
 
 
@@ -75,6 +80,16 @@ def _probing(status: Status) -> Iterator[str]:
     ready = status.condition("Ready")
     if status.wanted and ready.reason in ("Probing", "Late") and ready.message:
         yield f"not ready: {ready.message}"
+
+
+def _spoiled(current: Current, status: Status) -> Iterator[str]:
+    """The change after which it is not well any more, which may be of a mounted file, so that the diff of its manifest
+    shows nothing. A change that is not made because another one of its set failed is not to blame."""
+    progress = current.decision.memory.of(status.service)
+    update = progress.update
+    fails = update.edition in update.failures or progress.exits > 0 or status.health is Health.DEGRADED
+    if fails and update.baked and update.baked != update.edition:
+        yield "it was well before its last change" + (", which `rorg rollback` undoes" if current.in_git else "")
 
 
 def _remedies(current: Current, status: Status) -> Iterator[str]:

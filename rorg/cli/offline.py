@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import time
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -24,6 +25,7 @@ from rorg.core.status import Statuses
 from rorg.daemon.snapshot import request_json
 from rorg.errors import NotReady, RorgError
 from rorg.host.clock import moment, wall_clock
+from rorg.host.git import head
 from rorg.model.graph import closure
 
 
@@ -44,7 +46,8 @@ class Local:
     @cached_property
     def looked(self) -> Current:
         """The robot as one pass sees it that asks each probe once."""
-        return _current(decision(self.context, self.context.catalog()))
+        current = _current(decision(self.context, self.context.catalog()))
+        return replace(current, in_git=head(self.context.root) is not None)
 
     def put_request(self, id: str, requester: str, body: dict[str, Any]) -> None:
         renewed = wall_clock() if body.get("ttl") else ""

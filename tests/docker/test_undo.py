@@ -65,6 +65,47 @@ def test_a_bad_mounted_file_is_rolled_back(mounted):
     assert (mounted.tree / "services/nav/start.sh").read_text() == WELL
 
 
+WAS_WELL = "caution: it was well before its last change"
+
+
+def test_why_names_the_rollback_of_a_bad_mounted_file(mounted):
+    def why() -> str:
+        return rorg(mounted, "why", "nav", RORG_ENGINE=mounted.kind)
+
+    assert "caution" not in why()
+    bad = mounted.save(ENDS)
+    stands(mounted, bad, "failed")
+    assert f"  {WAS_WELL}, which `rorg rollback` undoes\n" in why()
+    assert mounted.client().why("nav")[0]["cautions"] == [WAS_WELL[9:] + ", which `rorg rollback` undoes"], "the page's"
+    assert "caution" not in rorg(mounted, "why", "other", RORG_ENGINE=mounted.kind)
+    mounted.stop()
+    assert WAS_WELL in why(), "also where no rorg runs"
+    mounted.start()
+    mounted.rollback("--yes", "--wait")
+    assert "caution" not in why()
+
+
+def test_why_names_the_rollback_of_a_change_that_was_undone(mounted):
+    write_tree(mounted.tree, {"nav": {"command": ["sh", "-c", ENDS]}, "other": {}}, policies=POLICY)
+    git(mounted, "add", ".")
+    git(mounted, "commit", "--quiet", "--message", "two")
+    stands(mounted, git(mounted, "rev-parse", "HEAD"), "failed")
+    mounted.wait(lambda: mounted.active() == {"nav"})
+    assert f"{WAS_WELL}, which `rorg rollback` undoes" in rorg(mounted, "why", "nav", RORG_ENGINE=mounted.kind)
+
+
+def test_why_names_no_rollback_outside_of_git(tmp_path):
+    robot = RealRobot(tmp_path, "process", None, with_server=True)
+    try:
+        robot.declare({"nav": {"always_on": True, "command": ["sh", "-c", WELL]}}, policies=POLICY)
+        robot.wait(lambda: robot.loop.decision and robot.loop.decision.memory.of("nav").update.baked)
+        robot.declare({"nav": {"always_on": True, "command": ["sh", "-c", ENDS]}}, policies=POLICY)
+        robot.wait(lambda: robot.loop.decision.memory.of("nav").update.quarantined)
+        assert rorg(robot, "why", "nav").endswith(f"{WAS_WELL}\n")
+    finally:
+        robot.close()
+
+
 def test_the_plan_of_a_rollback_shows_changed_files_of_what_runs(mounted):
     second = mounted.save(f"# slower\n{WELL}")
     stands(mounted, second, "good")
