@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import textwrap
 import time
 from collections.abc import Callable
 
@@ -11,6 +13,13 @@ from rich.text import Text
 from rorg.cli.demo.live import LiveTable
 from rorg.cli.demo.snapshot import Snapshot
 from rorg.cli.terminal import printable
+
+WIDTH = 80
+"""Columns after which prose is broken. A terminal would break it anywhere."""
+
+
+HARD = "\u00a0"
+"""A space at which no line is broken."""
 
 
 class Show:
@@ -23,12 +32,12 @@ class Show:
         self._table: LiveTable | None = None
 
     def title(self, text: str) -> None:
-        self._print(text, "bold")
+        self._prose(text, "bold")
 
     def scene(self, text: str) -> None:
         """Begin a new scene."""
         self._print("")
-        self._print(text, "bold cyan")
+        self._prose(text, "bold cyan")
 
     def command(self, line: str) -> None:
         """Print what a person or a program types."""
@@ -36,6 +45,10 @@ class Show:
 
     def line(self, text: str) -> None:
         """Print what came of it."""
+        self._prose(f"  {text}")
+
+    def copied(self, text: str) -> None:
+        """Print a command that people copy, on one line however long it is."""
         self._print(f"  {text}")
 
     def action(self, text: str) -> None:
@@ -63,6 +76,15 @@ class Show:
         if self._table:
             self._table.stop()
             self._table = None
+
+    def _prose(self, text: str, style: str = "") -> None:
+        """Print text in lines of WIDTH. A command in backquotes stays whole."""
+        whole = re.sub("`[^`]*`", lambda quoted: quoted[0].replace(" ", HARD), text)
+        indent = "    " if text.startswith("  ") else "  "
+        for line in textwrap.wrap(
+            whole, WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+        ):
+            self._print(line.replace(HARD, " "), style)
 
     def _print(self, text: str, style: str = "") -> None:
         self.console.print(Text(printable(text), style=style), soft_wrap=True)

@@ -156,7 +156,7 @@ def play(robot: DemoRobot, show: Show, keep: bool) -> None:
     show.close()
     show.scene("Next")
     for line in _kept(robot) if keep else NOT_KEPT:
-        show.line(line)
+        show.copied(line)
 
 
 NOT_KEPT = (
