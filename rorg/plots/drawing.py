@@ -126,19 +126,7 @@ def _style_of(look: str) -> str:
 def layout(drawing: Drawing) -> tuple[dict[str, Box], list[str], float, float]:
     """The boxes, the curve of each arrow as in the `d` of a path, and the size of it all, by Graphviz. Its labels are
     empty: only they need fonts."""
-    if find_spec("pygraphviz") is None:
-        raise Invalid("draw a picture", "pygraphviz is not installed", "`pip install 'rorg[plots]'`, or -o mermaid")
-    import pygraphviz
-
-    graph: Any = pygraphviz.AGraph(
-        directed=True, strict=False, rankdir="LR", nodesep=BELOW / 72, ranksep=BETWEEN / 72, outputorder="nodesfirst"
-    )
-    for name in sorted(drawing.names):
-        width = LETTER * len(label(drawing, name)) + 2 * PAD
-        graph.add_node(name, label="", shape="box", fixedsize=True, width=width / 72, height=HEIGHT / 72)
-    for number, arrow in enumerate(drawing.arrows):
-        graph.add_edge(arrow.begin, arrow.end, key=str(number))
-    graph.layout("dot")
+    graph = _placed(drawing)
     right, top = map(float, graph.graph_attr["bb"].split(",")[2:])
     boxes = {}
     for name in sorted(drawing.names):
@@ -150,6 +138,35 @@ def layout(drawing: Drawing) -> tuple[dict[str, Box], list[str], float, float]:
         for number, arrow in enumerate(drawing.arrows)
     ]
     return boxes, curves, right + 2 * EDGE, top + 2 * EDGE
+
+
+def _placed(drawing: Drawing) -> Any:
+    """The graph of pygraphviz with its layout. Raises Invalid if pygraphviz is missing, or does not work: its wheel
+    needs libraries of the machine, which a bare Debian does not have."""
+    if find_spec("pygraphviz") is None:
+        raise Invalid("draw a picture", "pygraphviz is not installed", "`pip install 'rorg[plots]'`, or -o mermaid")
+    try:
+        import pygraphviz
+
+        graph = pygraphviz.AGraph(
+            directed=True,
+            strict=False,
+            rankdir="LR",
+            nodesep=BELOW / 72,
+            ranksep=BETWEEN / 72,
+            outputorder="nodesfirst",
+        )
+        for name in sorted(drawing.names):
+            width = LETTER * len(label(drawing, name)) + 2 * PAD
+            graph.add_node(name, label="", shape="box", fixedsize=True, width=width / 72, height=HEIGHT / 72)
+        for number, arrow in enumerate(drawing.arrows):
+            graph.add_edge(arrow.begin, arrow.end, key=str(number))
+        graph.layout("dot")
+    except (ImportError, OSError, ValueError) as error:
+        why = f"pygraphviz does not work here: {' '.join(str(error).split())}"
+        remedy = "`apt install graphviz`, which brings the libraries that it needs, or -o mermaid"
+        raise Invalid("draw a picture", why, remedy) from None
+    return graph
 
 
 def _curve(spline: str, top: float) -> str:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
+import subprocess
+import sys
 from itertools import combinations
 from xml.etree import ElementTree
 
@@ -89,3 +92,29 @@ def test_what_everything_needs_can_be_left_out():
     assert [t.text for t in drawn.iterfind("{*}text")][-1] == "without roscore"
     said = commands.rorg("graph", str(ROOT / "manifests"), "--hide", "roscoer", code=2).stderr
     assert said == "rorg: cannot find the service 'roscoer': no such service; try 'roscore'\n"
+
+
+BROKEN = {
+    "an import": 'raise ImportError("libgobject-2.0.so.0: cannot open shared object file")',
+    "a layout": "class AGraph:\n    def __init__(self, **_): pass\n"
+    "    def add_node(self, *_, **__): pass\n    add_edge = add_node\n"
+    '    def layout(self, prog): raise ValueError("no such plugin\\nlibgvplugin_dot_layout.so.6")',
+}
+
+
+@pytest.mark.parametrize("what", BROKEN)
+def test_a_graphviz_that_does_not_work_is_one_line_with_a_remedy(tmp_path, what):
+    """On a bare Debian the libraries that pygraphviz loads are missing."""
+    (tmp_path / "pygraphviz.py").write_text(BROKEN[what])
+    done = subprocess.run(
+        [sys.executable, "-m", "rorg", "graph", ROOT / "manifests", "-o", "svg"],
+        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 2, done.stderr
+    assert re.fullmatch(
+        r"rorg: cannot draw a picture: pygraphviz does not work here: (libgobject-2.0.so.0|no such plugin)[^\n]*; "
+        r"try `apt install graphviz`, which brings the libraries that it needs, or -o mermaid\n",
+        done.stderr,
+    ), done.stderr
