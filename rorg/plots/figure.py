@@ -4,6 +4,7 @@ it is imported only to draw."""
 from __future__ import annotations
 
 import io
+import logging
 from collections.abc import Callable
 from html import escape
 from importlib.util import find_spec
@@ -41,6 +42,8 @@ def save(make: Callable[[], Figure], path: Path) -> None:
     """Writes a figure, as its name says. The same figure always gives the same SVG. Raises Invalid if that is
     impossible."""
     check_drawing(path)
+    # Its first run on a machine warns that it builds a cache of fonts, or that it has no folder for that.
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
     import matplotlib as mpl
 
     form = "png" if path.suffix == ".png" else "svg"

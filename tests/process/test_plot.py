@@ -109,6 +109,14 @@ def test_every_picture_comes_in_every_form(robot, tmp_path, what):
     assert "<?xml" not in page
 
 
+def test_what_matplotlib_says_of_its_own_cache_is_not_shown(robot, tmp_path):
+    """On its first run it warns that it builds a cache of fonts. That it has no place for it shows sooner."""
+    (tmp_path / "file").touch()
+    words = ["plot", "usage", "-o", tmp_path / "usage.svg", "--state-dir", robot.state]
+    done = rorg(*words, MPLCONFIGDIR=str(tmp_path / "file/matplotlib"))
+    assert done.stderr == f"wrote {tmp_path / 'usage.svg'}\n"
+
+
 def test_what_cannot_be_drawn_says_why(robot, tmp_path):
     where = {"cwd": tmp_path, "code": 2}
     assert "'.gif' is not a supported format" in rorg("plot", "usage", "-o", "x.gif", **where).stderr
