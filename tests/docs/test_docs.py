@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -45,6 +47,42 @@ def test_links_to_a_heading_lead_to_one(page):
 def test_the_files_that_contributing_names_are_there():
     for name in re.findall(r"`((?:rorg|tests|docs)/[\w/.-]+)`", (ROOT / "CONTRIBUTING.md").read_text()):
         assert (ROOT / name).exists() or "NAME" in name, name
+
+
+NUMBERS = {"all pass": 0, "three cases fail": 3}
+"""What the first contribution says of a run of tests -> how many fail."""
+
+
+def test_the_first_contribution_is_what_contributing_says(tmp_path):
+    """Its commands, on a copy: what a newcomer meets first must not be about words that are gone."""
+    text = (ROOT / "CONTRIBUTING.md").read_text().partition("## Your first contribution")[2].partition("\n## ")[0]
+    lines = [line for block in re.findall(r"```sh\n(.*?)```", text, re.DOTALL) for line in block.splitlines()]
+    assert sum(line.startswith("sed ") for line in lines) == 2
+    for name in ("rorg", "tests", "clients/python"):
+        shutil.copytree(ROOT / name, tmp_path / name, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(ROOT / "pyproject.toml", tmp_path)
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(tmp_path / "clients/python")])}
+    for line in lines:
+        if line.startswith("sed "):
+            before = contents(tmp_path)
+            subprocess.run(["sh", "-c", line], cwd=tmp_path, check=True)
+            assert contents(tmp_path) != before, line
+        elif found := re.match(r"make test ARGS=(\S+)", line):
+            command = [sys.executable, "-m", "pytest", found[1]]
+            done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
+            failed = sum(map(int, re.findall(r"(\d+) failed", done.stdout)))
+            passed = sum(map(int, re.findall(r"(\d+) passed", done.stdout)))
+            expected = next(number for words, number in NUMBERS.items() if words in line)
+            assert (failed, passed > 100) == (expected, True), f"{line}\n{done.stdout[-2000:]}{done.stderr[-2000:]}"
+            if told := re.search(r"(\d+) cases", line):
+                assert abs(passed - int(told[1])) < 20, line
+
+
+def contents(folder: Path) -> list[bytes]:
+    """What the exercise changes."""
+    return [
+        path.read_bytes() for path in sorted([folder / "rorg/core/gates.py", *folder.glob("tests/cases/planner/*")])
+    ]
 
 
 def test_each_boundary_of_the_threat_model_is_held_by_a_test_that_is_there():
