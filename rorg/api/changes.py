@@ -38,9 +38,11 @@ class Change:
 
 def put_request(current: Current, request: Request) -> Change:
     """Makes a request, bound to the current run of its requester, in place of the one with the same requester and id.
-    It is accepted whole or refused whole. Raises Busy or Refused if its requester is not known to run, and Invalid for
-    mistakes; the edit raises Refused for what conflicts with other requests, or is too much."""
+    It is accepted whole or refused whole. Raises Busy or Refused if its requester is not known to run,
+    Refused if no manifests are in force, and Invalid for mistakes; the edit raises Refused for what conflicts with
+    other requests, or is too much."""
     catalog = current.catalog
+    current.check_in_force(f"request {', '.join(request.services[:MOST_TOLD])}")
     request = replace(request, incarnation=current.incarnation(request.requester))
     _refuse(request, mistakes(catalog, request))
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from rorg.core.decide import Decision
 from rorg.core.status import Status
 from rorg.errors import Busy, Missing, Refused
 from rorg.model.catalog import Catalog, Service
-from rorg.model.diagnostics import nearest
+from rorg.model.diagnostics import Diagnostic, nearest
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,16 +23,28 @@ class Current:
     """The time of the pass, in seconds of its clock, by which leases run."""
     in_git: bool = False
     """The manifests are committed, so that `rorg rollback` can return to earlier ones."""
+    errors: Sequence[Diagnostic] = ()
+    """Of the manifests, while none are in force."""
 
     @property
     def catalog(self) -> Catalog:
         """The declared services, including withheld ones."""
         return self.decision.situation.desired.catalog
 
+    def check_in_force(self, what: str) -> None:
+        """Raise Refused, with the first mistake of the manifests, if none are in force: without them each name is
+        unknown, and none of them is the mistake."""
+        if self.errors:
+            first, more = self.errors[0], len(self.errors) - 1
+            cause, _, _ = first.message.partition("; try ")  # a directory without manifests has a remedy of its own
+            why = f"no manifests are in force: {first.where}: {cause}" + (f", and {more} more" if more else "")
+            raise Refused(what, " ".join(why.split()), "`rorg validate`, or `rorg run DIR` with another directory")
+
     def members(self, name: str) -> tuple[str, ...]:
-        """The services that a name stands for. Raises Missing."""
+        """The services that a name stands for. Raises Missing, and Refused if no manifests are in force."""
         members = self.catalog.members(name)
         if not members:
+            self.check_in_force(f"find the service '{name}'")
             raise missing(name, {*self.catalog.services, *self.catalog.groups})
         return members
 

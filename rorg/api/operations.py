@@ -116,7 +116,8 @@ class Operations:
 
     @property
     def current(self) -> Current:
-        return Current(self.decision, self.statuses(), self._loop.clock(), in_git=self.tree.commit is not None)
+        errors = () if self.catalog.fingerprint else self.tree.errors
+        return Current(self.decision, self.statuses(), self._loop.clock(), self.tree.commit is not None, errors)
 
     def snapshot(self) -> str:
         """The whole state in one answer, as StatusView. Raises Busy like `decision`."""

@@ -15,10 +15,12 @@ from rorg.model.health import Health
 
 
 def why_active(current: Current, name: str) -> list[dict[str, Any]]:
-    """Why a service, or each of a group, is active, or why not. Raises Missing."""
+    """Why a service, or each of a group, is active, or why not. Raises Missing, and Refused if no
+    manifests are in force."""
     catalog = current.catalog
     names = catalog.members(name) or ((name,) if name in current.statuses else ())
     if not names:
+        current.check_in_force(f"find the service '{name}'")
         raise missing(name, {*catalog.services, *catalog.groups})
     return [_why(current, n) for n in names]
 

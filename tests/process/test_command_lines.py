@@ -153,6 +153,16 @@ def served(folder, tmp_path_factory):
     robot.close()
 
 
+@pytest.fixture(scope="module")
+def refused(folder, tmp_path_factory):
+    """Beside a running rorg all of whose manifests are refused."""
+    robot = RealRobot(tmp_path_factory.mktemp("refused"), "process", None, with_server=True)
+    robot.declare({"arm": {"nonsense": 1}})
+    robot.wait(lambda: robot.loop.tree.errors)
+    yield Commands(folder, robot.state.path)
+    robot.close()
+
+
 DO = "change|create|fix|name|start|stop|use"
 """What remedies of these lines begin with, besides "try"."""
 
@@ -198,6 +208,15 @@ def test_lines_where_no_rorg_runs(alone):
 
 def test_lines_beside_a_running_rorg(served):
     all_held(served, by_code(SERVED))
+
+
+@pytest.mark.parametrize("line", ["request arm", "request arm --wait", "why arm", "hold arm --for 1m", "restart arm"])
+def test_without_manifests_in_force_a_name_is_not_the_mistake(refused, line):
+    told = refused(words_of(line))
+    assert not held(line, 5, told)
+    assert re.search(r": no manifests are in force: \S+/arm.yaml:\d+:\d+: unknown key 'nonsense'; try ", told[2]), told[
+        2
+    ]
 
 
 @pytest.mark.parametrize("columns", ["60", "200"])
