@@ -36,6 +36,7 @@ def run() -> None:
         nobody_reads()
     except Exception as bug:
         _told_by_the_api(bug)
+        _not_sent(bug)
         if os.environ.get("RORG_TRACEBACK"):
             raise
         _complain(
@@ -69,6 +70,14 @@ def _complete(words: list[str]) -> None:
     from rorg.cli.completion import answer
 
     print(answer(os.environ["_RORG_COMPLETE"], words))
+
+
+def _not_sent(bug: Exception) -> None:
+    """Exits if an argument is not UTF-8, as rorg's API and files are. A shell hands on any bytes."""
+    if isinstance(bug, UnicodeEncodeError) and bug.encoding == "utf-8":
+        text = bug.object[bug.start : bug.end]
+        _complain(f"rorg: cannot send {text!a}: it is not UTF-8; use other characters")
+        sys.exit(int(Exit.USAGE))
 
 
 def _complain(text: str) -> None:

@@ -210,6 +210,17 @@ def test_lines_beside_a_running_rorg(served):
     all_held(served, by_code(SERVED))
 
 
+UNSENT = ["why", "logs", "diff", "wait", "stop", "restart", "timeline", "history show", "events --kind"]
+UNSENT += ["request arm --as", "request arm --reason", "hold arm --for 1m --reason", "hold --for 1m"]
+
+
+@pytest.mark.parametrize("line", UNSENT)
+def test_what_is_not_utf8_cannot_be_sent(served, line):
+    """A shell hands on any bytes, as in the name of a file of another system."""
+    told = served([*words_of(line), os.fsdecode(b"\xff\xfe")])
+    assert not held(line, 2, told)
+
+
 @pytest.mark.parametrize("line", ["request arm", "request arm --wait", "why arm", "hold arm --for 1m", "restart arm"])
 def test_without_manifests_in_force_a_name_is_not_the_mistake(refused, line):
     told = refused(words_of(line))
