@@ -207,7 +207,9 @@ class Why(BaseModel):
     rivals: list[Rival] = Field(description="Active services that have what it waits for.")
     remedies: list[str] = Field(description="Commands after which a service that is kept out may be active.")
     waits: list[str] = Field(description="Why rorg does not act on it now.")
-    cautions: list[str] = Field(description="Effects of pausing it on others, and ROS nodes that others have too.")
+    cautions: list[str] = Field(
+        description="Effects of pausing it on others, ROS nodes that others have too, a bad change."
+    )
 
 
 class ProcessView(BaseModel):

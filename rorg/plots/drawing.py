@@ -13,6 +13,7 @@ from importlib.util import find_spec
 from typing import Any, NamedTuple
 
 from rorg.errors import Invalid
+from rorg.plots.figure import install
 from rorg.plots.states import LOOKS
 
 FORMS = ("dot", "mermaid", "svg")
@@ -144,7 +145,7 @@ def _placed(drawing: Drawing) -> Any:
     """The graph of pygraphviz with its layout. Raises Invalid if pygraphviz is missing, or does not work: its wheel
     needs libraries of the machine, which a bare Debian does not have."""
     if find_spec("pygraphviz") is None:
-        raise Invalid("draw a picture", "pygraphviz is not installed", "`pip install 'rorg[plots]'`, or -o mermaid")
+        raise Invalid("draw a picture", "pygraphviz is not installed", f"{install()}, or -o mermaid")
     try:
         import pygraphviz
 

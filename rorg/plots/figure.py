@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import io
 import logging
+import sys
 from collections.abc import Callable
 from html import escape
 from importlib.util import find_spec
@@ -25,6 +26,13 @@ PAGE = (
 )
 
 
+def install() -> str:
+    """The command that installs what plots need: rorg in a venv of pipx has no pip that a person would call."""
+    if (Path(sys.prefix) / "pipx_metadata.json").exists():
+        return "`pipx inject rorg matplotlib pygraphviz`"
+    return "`pip install 'rorg[plots]'`"
+
+
 def check_format(path: Path) -> None:
     """Raises Invalid if the name of a picture does not end in one of FORMATS."""
     if path.suffix not in FORMATS:
@@ -35,7 +43,7 @@ def check_drawing(path: Path) -> None:
     """Raises Invalid if a picture of this name cannot be drawn here. Long commands check this first."""
     check_format(path)
     if find_spec("matplotlib") is None:
-        raise Invalid(f"draw {path}", "matplotlib is not installed", "`pip install 'rorg[plots]'`")
+        raise Invalid(f"draw {path}", "matplotlib is not installed", install())
 
 
 def save(make: Callable[[], Figure], path: Path) -> None:

@@ -16,6 +16,7 @@ from rorg_process import RorgProcess
 from rorg.history.database import Database
 from rorg.history.usage import MACHINE, Measured, UsageTable
 from rorg.model.units import parse_time, stamp
+from rorg.plots.figure import install
 from rorg.plots.states import LOOKS, OF_STATE, REQUEST
 from rorg.plots.timeline import bars_of_requests
 from rorg.plots.times import Use, uses
@@ -115,6 +116,13 @@ def test_what_matplotlib_says_of_its_own_cache_is_not_shown(robot, tmp_path):
     words = ["plot", "usage", "-o", tmp_path / "usage.svg", "--state-dir", robot.state]
     done = rorg(*words, MPLCONFIGDIR=str(tmp_path / "file/matplotlib"))
     assert done.stderr == f"wrote {tmp_path / 'usage.svg'}\n"
+
+
+def test_what_plots_need_is_installed_as_rorg_was(monkeypatch, tmp_path):
+    assert install() == "`pip install 'rorg[plots]'`"
+    (tmp_path / "pipx_metadata.json").touch()
+    monkeypatch.setattr("sys.prefix", str(tmp_path))
+    assert install() == "`pipx inject rorg matplotlib pygraphviz`"
 
 
 def test_what_cannot_be_drawn_says_why(robot, tmp_path):
