@@ -111,6 +111,7 @@ def test_a_branch_fails_when_its_service_does_not_come_up(robot, leaves):
     assert "camera" in hold.feedback_message
 
 
+@pytest.mark.slow
 def test_the_leaves_for_cpp(robot, tmp_path):
     (tmp_path / "leaves.cpp").write_text(code("cpp") + MAIN)
     program = tmp_path / "leaves"

@@ -18,6 +18,7 @@ TREE = {
 CLIENT = ROOT / "clients/cpp"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", [["calls"], ["forks", "3"]], ids=lambda words: words[0])
 def test_every_call_does_what_it_says(cpp_programs, tmp_path, words):
     robot = RealRobot(tmp_path, "process", None, with_server=True)
@@ -36,6 +37,7 @@ def test_every_call_does_what_it_says(cpp_programs, tmp_path, words):
         robot.close()
 
 
+@pytest.mark.slow
 def test_it_is_a_cmake_package(tmp_path):
     cmake = tool("cmake")
     tool("g++")

@@ -143,6 +143,7 @@ class Nonsense:
                 connection.shutdown(socket.SHUT_WR)  # else it may wait for more, which does not come
 
 
+@pytest.mark.slow
 @pytest.mark.fuzz
 def test_nonsense_for_answers_neither_crashes_nor_holds_it_up(sanitized, tmp_path):
     """As many as are asked for, some thousand to one program."""
@@ -228,6 +229,7 @@ class Script:
         return answers[self.waits - 1]
 
 
+@pytest.mark.slow
 def test_what_it_changed_it_asks_to_see_and_repeats_only_what_it_may(sanitized, tmp_path):
     script = Script()
     with server(tmp_path, script) as path, program(sanitized["address"], "scripted", RORG_SOCKET=path):

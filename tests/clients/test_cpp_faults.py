@@ -34,6 +34,7 @@ def robot(tmp_path):
     found.close()
 
 
+@pytest.mark.slow
 @BOTH
 @pytest.mark.parametrize("word", ["calls", "lifetimes", "forks", "left"])
 def test_no_memory_is_misused(sanitized, robot, kind, word):
@@ -41,6 +42,7 @@ def test_no_memory_is_misused(sanitized, robot, kind, word):
         pass
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("action", ["pause", "stop"])
 def test_what_it_is_told_is_ready_stays_so_while_it_is_held(sanitized, tmp_path, action):
     robot = RealRobot(tmp_path, "process", None, with_server=True)
@@ -52,6 +54,7 @@ def test_what_it_is_told_is_ready_stays_so_while_it_is_held(sanitized, tmp_path,
         robot.close()
 
 
+@pytest.mark.slow
 @BOTH
 def test_it_is_told_what_it_lost(sanitized, robot, kind):
     with program(sanitized[kind], "losses", RORG_SOCKET=robot.socket()) as running:
@@ -91,6 +94,7 @@ def daemon(folder: Path, *words: str):
             engine.remove(container.id)
 
 
+@pytest.mark.slow
 @BOTH
 def test_a_restart_of_rorg_is_no_more_than_a_longer_wait(sanitized, tmp_path, kind):
     write_tree(tmp_path / "tree", TREE)
@@ -106,6 +110,7 @@ def test_a_restart_of_rorg_is_no_more_than_a_longer_wait(sanitized, tmp_path, ki
                 print("again", file=running.stdin, flush=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cause", ["replaced", "crashed"])
 def test_it_is_told_what_it_lost_while_rorg_was_away(sanitized, tmp_path, cause):
     write_tree(tmp_path / "tree", TREE)
@@ -126,6 +131,7 @@ def test_it_is_told_what_it_lost_while_rorg_was_away(sanitized, tmp_path, cause)
             print("again", file=running.stdin, flush=True)
 
 
+@pytest.mark.slow
 @BOTH
 def test_over_tls(sanitized, tmp_path, kind):
     for name, authority in (("authority", ""), ("robot", "authority"), ("ada", "authority")):

@@ -91,6 +91,7 @@ def test_what_a_person_holds_holds_nothing_up(robot):
     assert seconds < 20, said
 
 
+@pytest.mark.slow
 def test_without_wait_it_returns_though_requests_of_others_keep_rorg_busy(tmp_path):
     """Only what was planned has to be done."""
     stubborn = ["sh", "-c", "trap '' TERM INT; echo up; while :; do sleep 0.1; done"]

@@ -65,6 +65,7 @@ def test_the_command_says_what_failed_where_its_log_is_and_builds_the_rest(docke
     place.builder().remove(["one"])
 
 
+@pytest.mark.slow
 def test_what_would_be_done_is_printed_and_nothing_is_done(tree):
     words, noted = ["--manifests", str(tree), "--dry-run", "-o"], tree.parent / "state" / "process-images.json"
     told = {row["image"]: row["action"] for row in json.loads(rorg("build", *words, "json", **of(tree)).stdout)}

@@ -62,6 +62,7 @@ def test_manifests_load_beside_a_file_that_is_written_all_the_time(dockerd, tmp_
         robot.close()
 
 
+@pytest.mark.slow
 def test_a_manifest_that_is_written_all_the_time_does_not_hold_back_the_others(tmp_path):
     tree = Tree(write_tree(tmp_path / "tree", {"camera": {}, **IDLE}))
     assert tree.read()[0]

@@ -16,6 +16,7 @@ from rorg.core.holds import begin_hold
 FAR_AHEAD = "2076-01-01T12:00:00.000000Z"
 
 
+@pytest.mark.slow
 def test_a_good_change_of_a_process_that_began_by_a_clock_far_ahead_is_kept(tmp_path):
     """Its record has the time of its start: then NTP set the clock."""
     robot = RealRobot(tmp_path, "process", None)
@@ -58,6 +59,7 @@ def change_well(robot: RealRobot) -> None:
         robot.close()
 
 
+@pytest.mark.slow
 def test_a_hold_whose_end_is_wrong_by_the_clock_is_put_right_in_the_file(tmp_path):
     """As if it had been made in 2076, and NTP had set the clock then."""
     robot = RealRobot(tmp_path, "process", None)

@@ -95,6 +95,7 @@ def test_profile_plain_leaves_what_every_container_gets(docker_robot):
     }
 
 
+@pytest.mark.slow
 def test_describe_says_which_profile_declares_an_option(tmp_path):
     shell = Shell(tmp_path)
     shell.env["RORG_ENGINE"] = "process"

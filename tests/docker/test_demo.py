@@ -131,6 +131,7 @@ def check_work(stage: Stage) -> None:
     assert all(use.cpu > 0 and use.memory > 0 for use in stage.uses)
 
 
+@pytest.mark.slow
 def test_scenes_on_processes(tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     text = play_scenes("process")
@@ -179,6 +180,7 @@ def rorg(state: str, *words: str) -> str:
     ).stdout
 
 
+@pytest.mark.slow
 def test_demo_keeps_a_robot_of_processes(tmp_path):
     """The commands that it names at the end work, and the last one leaves nothing."""
     process = demo(tmp_path, "--engine", "process", "--keep")
@@ -211,6 +213,7 @@ def test_demo_on_docker(tmp_path, dockerd):
     assert left_behind(tmp_path, "rorg-demo-") == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_demo_interrupted(tmp_path, number):
     process = demo(tmp_path, "--engine", "process")
@@ -221,6 +224,7 @@ def test_demo_interrupted(tmp_path, number):
     assert left_behind(tmp_path, "rorg-demo-") == []
 
 
+@pytest.mark.slow
 def test_demo_without_git(tmp_path):
     process = demo(tmp_path, "--engine", "process", PATH="/nowhere")
     output, _ = process.communicate(timeout=60)

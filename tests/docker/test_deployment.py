@@ -19,6 +19,7 @@ from robots import RealRobot, write_tree
 from rorg.client import Client
 
 
+@pytest.mark.slow
 def test_systemd_hears_that_it_is_ready_alive_and_stopping(tmp_path):
     heard = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     heard.bind(str(tmp_path / "notify"))
@@ -129,6 +130,7 @@ def ask_without_tls(port: int) -> int:
     return plain.getresponse().status
 
 
+@pytest.mark.slow
 def test_tcp_only_with_tls_and_a_client_certificate(tmp_path):
     for name, authority in (("authority", ""), ("stranger", ""), ("robot", "authority"), ("ada", "authority")):
         certificate(tmp_path, name, authority)

@@ -121,6 +121,7 @@ def test_of_several_nodes_of_one_device_the_first_one_of_its_class_counts(machin
     assert machine.found(by_udev(vendor="046d", subsystem="usb")).node == "/dev/bus/usb/001/004"
 
 
+@pytest.mark.slow
 @root_only
 def test_the_watch_wakes_when_a_device_comes_or_goes_and_only_then(machine):
     device, wakes = by_udev(vendor="0403"), []
@@ -296,6 +297,7 @@ def put(path: Path, number: int) -> None:
     new.rename(path)
 
 
+@pytest.mark.slow
 @root_only
 def test_on_real_engines_a_driver_follows_its_device(real_robot, tmp_path):
     robot, node = real_robot, tmp_path / "laser"

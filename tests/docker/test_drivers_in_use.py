@@ -59,6 +59,7 @@ def robot(request, tmp_path):
     found.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("word", ["apply", "restart"])
 def test_an_edit_waits_until_a_person_confirms_it(robot, word):
     robot.save(container={"environment": {"N": "2"}})
@@ -76,6 +77,7 @@ def test_an_edit_waits_until_a_person_confirms_it(robot, word):
     assert "No differences" in robot.say("diff")
 
 
+@pytest.mark.slow
 def test_an_edit_of_a_mounted_file_waits_too_and_takes_effect_once_it_is_idle(robot):
     robot.script.write_text(f"# faster\nexec {shlex.join(WORK)}")
     robot.waits_for_a_person()
@@ -87,6 +89,7 @@ def test_an_edit_of_a_mounted_file_waits_too_and_takes_effect_once_it_is_idle(ro
     assert not robot.waits("wheels")
 
 
+@pytest.mark.slow
 def test_a_rollback_confirms_it(robot):
     second = robot.commit(container={"environment": {"N": "2"}})
     robot.waits_for_a_person()
@@ -97,6 +100,7 @@ def test_a_rollback_confirms_it(robot):
     robot.moves_on()
 
 
+@pytest.mark.slow
 def test_one_that_fails_is_mended_without_a_question(robot):
     """It does not become ready with its new probe."""
     probe = {"ready": {"log": "^up", "timeout": "2s"}}

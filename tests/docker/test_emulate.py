@@ -122,6 +122,7 @@ def play(tmp_path: Path, trace: Path, tree: Path, **env: str) -> None:
     assert "pair 1 of 1, rorg" in told
 
 
+@pytest.mark.slow
 def test_emulation_on_processes(tmp_path, files):
     play(tmp_path, *files, RORG_ENGINE="process")
 
@@ -137,6 +138,7 @@ def busy_loops() -> Iterator[None]:
         one.wait()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("busy_loops")
 @pytest.mark.parametrize("form", ["table", "json"])
 def test_beside_two_busy_loops_it_ends_with_an_error_and_no_figure(tmp_path, files, form):
@@ -154,6 +156,7 @@ def test_beside_two_busy_loops_it_ends_with_an_error_and_no_figure(tmp_path, fil
     assert left_behind(tmp_path / "temporary", PREFIX) == []
 
 
+@pytest.mark.slow
 def test_a_stand_in_that_does_not_get_its_cpu_makes_the_run_invalid(tmp_path, files):
     """It wants more than the machine has."""
     trace, tree = files
@@ -188,6 +191,7 @@ def test_emulation_on_docker(tmp_path, files, dockerd):
     assert tags(api) == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_what_is_interrupted_leaves_nothing_but_what_was_saved(tmp_path, files, number):
     saved = tmp_path / "saved.json"

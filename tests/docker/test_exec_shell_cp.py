@@ -108,6 +108,7 @@ def test_a_paused_service_says_how_it_goes_on(robot):
 # -- on a terminal ---------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_shell_has_a_real_terminal_and_the_services_environment(robot):
     shell = Terminal(robot, "shell", "arm", columns=123)
     shell.type(b"echo $WHERE-$((40+2))\r")  # before anything listens: it is not lost
@@ -147,6 +148,7 @@ def inside(robot, tmp_path):
     return place
 
 
+@pytest.mark.slow
 def test_files_and_directories_go_in_and_out_with_their_modes(robot, tmp_path, inside):
     source = tmp_path / "source"
     (source / "deep").mkdir(parents=True)

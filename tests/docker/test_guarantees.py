@@ -148,6 +148,7 @@ def test_a_stop_that_takes_long_delays_no_request_on_docker(docker_robot):
     robot.wait(lambda: robot.states()["deaf"] == "exited")
 
 
+@pytest.mark.slow
 def test_a_wrong_manifest_changes_nothing(real_robot):
     """Every broken tree takes the place of the good one in turn; nothing is stopped, removed or begun."""
     robot = real_robot

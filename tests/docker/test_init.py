@@ -33,6 +33,7 @@ def rorg(folder: Path, *words: str, code: int = 0, **environment: str) -> subpro
 TEMPLATES = pytest.mark.parametrize(("template", "count"), [("first", 3), ("ros2", 5)])
 
 
+@pytest.mark.slow
 @TEMPLATES
 def test_it_is_valid_and_in_git(tmp_path, template, count):
     rorg(tmp_path, "init", "robot", "--template", template)
@@ -46,6 +47,7 @@ def test_it_is_valid_and_in_git(tmp_path, template, count):
     assert not [path for path in robot.rglob("*") if path.is_symlink() or path.suffix == ".pyc"]
 
 
+@pytest.mark.slow
 @TEMPLATES
 def test_its_manifests_agree_with_the_schemas_that_they_name(tmp_path, template, count):
     rorg(tmp_path, "init", "robot", "--template", template)
@@ -67,6 +69,7 @@ def test_vs_code_finds_a_schema_for_each_kind(tmp_path):
     assert ".vscode/settings.json" in tracked
 
 
+@pytest.mark.slow
 @TEMPLATES
 def test_what_its_comments_offer_is_accepted(tmp_path, template, count):
     """Each commented field, with its comment sign taken away."""
@@ -104,6 +107,7 @@ def test_it_overwrites_nothing(tmp_path, there):
     assert mine.read_text() == "mine"
 
 
+@pytest.mark.slow
 def test_schemas_are_written_anew(tmp_path):
     rorg(tmp_path, "init", "robot")
     stale = tmp_path / "robot/schemas/service.json"
@@ -114,6 +118,7 @@ def test_schemas_are_written_anew(tmp_path):
     assert "file" in rorg(tmp_path, "schema", "file/schemas", code=2).stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ["process", pytest.param("docker", marks=pytest.mark.docker)])
 def test_it_runs_as_it_is(tmp_path, request, engine):
     environment = {"RORG_ENGINE": engine}

@@ -67,6 +67,7 @@ def test_a_trial_that_a_person_ends_by_hand_is_repeated(tmp_path, dockerd, verb)
     robot.close()
 
 
+@pytest.mark.slow
 def test_a_trial_that_was_killed_while_no_rorg_ran_is_repeated(tmp_path):
     robot = RealRobot(tmp_path, "process", None)
     daemon, new = trial(robot)

@@ -99,12 +99,14 @@ class Followed:
         return self.process.wait(30)
 
 
+@pytest.mark.slow
 def test_lines_of_one_service_are_as_it_wrote_them(robot):
     assert said(robot, "greeter") == "hello\nthere\n"
     assert said(robot, "greeter", "-n", "1") == "there\n"
     assert said(robot, "greeter", "--tail", "0") == ""
 
 
+@pytest.mark.slow
 def test_lines_of_several_have_their_services_in_front(robot):
     assert said(robot, "seeing", "-n", "1").splitlines()[-1] == "greeter | there"
     assert re.fullmatch(r"camera  \| camera \d+", said(robot, "seeing", "-n", "1").splitlines()[0])
@@ -112,6 +114,7 @@ def test_lines_of_several_have_their_services_in_front(robot):
     assert entry == {"service": "greeter", "time": None, "text": "there"}
 
 
+@pytest.mark.slow
 def test_bytes_that_are_no_text_arrive_as_they_are(robot):
     log = robot.engine.records.log(robot.container("greeter").id)
     with log.open("ab") as file:
@@ -120,6 +123,7 @@ def test_bytes_that_are_no_text_arrive_as_they_are(robot):
     assert process.communicate(timeout=60)[0] == b"\xff\xfe\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("running", [True, False], ids=["served", "alone"])
 def test_the_same_is_said_with_a_running_rorg_and_without(robot, running):
     if not running:
@@ -131,6 +135,7 @@ def test_the_same_is_said_with_a_running_rorg_and_without(robot, running):
     assert "no such service" in said(robot, "greter", code=2)
 
 
+@pytest.mark.slow
 def test_following_tells_every_line_once_over_restarts_and_replacement(robot, tmp_path):
     followed = Followed(robot, "camera", "arm")
     wait_for(lambda: followed.numbers("camera") and followed.numbers("arm"))

@@ -80,6 +80,7 @@ PROBED = {
 CHANGED = {**PROBED, "container": {"stop_grace_period": "1s", "environment": {"NEW": "1"}}}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("happens", ["changed", "killed", "held", "nothing"])
 def test_a_loss_while_rorg_is_away_is_told_with_its_cause(real_robot, happens):
     robot = real_robot

@@ -72,6 +72,7 @@ def test_an_engine_that_made_nothing_binds_nobody(dockerd, tmp_path):
         robot.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["process", pytest.param("docker", marks=pytest.mark.docker)])
 def test_a_copied_state_directory_is_not_a_second_robot(request, kind, tmp_path):
     """Two would fight over the same containers."""
@@ -102,6 +103,7 @@ def test_a_copied_state_directory_is_not_a_second_robot(request, kind, tmp_path)
         robot.close()
 
 
+@pytest.mark.slow
 def test_in_the_directory_of_another_robot_that_one_is_run(tmp_path):
     """Not the one that ran last; that is taken where there are no manifests."""
     first = RorgProcess(tmp_path, {"first": {"always_on": True}})

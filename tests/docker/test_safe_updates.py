@@ -17,6 +17,7 @@ def robot(request, tmp_path):
     found.close()
 
 
+@pytest.mark.slow
 def test_a_set_goes_back_and_is_tried_again_by_a_persons_word(robot):
     """nav is well at first, and map dies within its bake."""
     together = {"update": {"atomic": True, "bake": "20s"}}
@@ -40,6 +41,7 @@ def test_a_set_goes_back_and_is_tried_again_by_a_persons_word(robot):
     robot.wait(lambda: {c.service: c.id for c in robot.containers()} == before and failed(robot, "map"))
 
 
+@pytest.mark.slow
 def test_apply_without_a_rorg_leaves_a_long_bake_to_the_next_one(tmp_path):
     tree, where = tmp_path / "tree", {"RORG_STATE_DIR": str(tmp_path / "state"), "RORG_ENGINE": "process"}
     robot = RealRobot(tmp_path, "process", None)

@@ -111,6 +111,7 @@ def test_a_rename_behind_its_back_is_undone(robot):
     assert robot.container("camera").id == before
 
 
+@pytest.mark.slow
 def test_requests_end_with_the_run_of_their_requester(robot):
     robot.declare({"behaviour": {}, "camera": {}})
     robot.settle()
@@ -140,6 +141,7 @@ def test_requests_sleep_while_their_requester_is_not_wanted_and_come_back_with_i
     robot.wait(lambda: robot.active() == ({"behaviour", "camera"} if robot.can("pause") else {"behaviour"}))
 
 
+@pytest.mark.slow
 @pytest.mark.smoke
 def test_a_change_replaces_exactly_one_container(robot):
     robot.declare({"aa": {"always_on": True}, "bb": {"always_on": True}})

@@ -151,6 +151,7 @@ class Shell:
         assert not found, "\n".join(sorted(found))
 
 
+@pytest.mark.slow
 def test_no_secret_is_in_any_output_answer_or_file(shell):
     tree(shell.tree)
     shell.run()
@@ -265,6 +266,7 @@ def test_a_masker_hides_values_in_every_writing_but_not_what_rorg_has_to_say():
     assert masker.text(f"{ODD}; another value") == f"{MASK}; {MASK}", "what was secret once still is"
 
 
+@pytest.mark.slow
 def test_a_manifest_is_edited_without_its_secret_being_seen(shell):
     tree(shell.tree)
     shell.run()
@@ -296,6 +298,7 @@ def test_a_build_that_prints_a_secret_leaves_none_in_its_log(place, tmp_path):
     assert BUILD not in log + result.message + result.step + str(place.heard.all)
 
 
+@pytest.mark.slow
 def test_services_of_long_ago_are_forgotten_those_of_now_are_not():
     masker = Masker()
     for number in range(600):

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import socket
 
+import pytest
 from common import free_port, wait_for
 from health_server import SERVER, health, server, tell
 from robots import RealRobot
 
 
+@pytest.mark.slow
 def test_what_needs_it_waits_until_all_parts_hold(real_robot, tmp_path):
     port = free_port()
     spec = server(tmp_path, real_robot)

@@ -26,6 +26,7 @@ def shown(robot) -> dict:
     return robot.status().get("services", {}).get("arm", {"state": "", "health": ""})
 
 
+@pytest.mark.slow
 def test_the_grace_period_is_all_that_a_deaf_program_gets_and_it_shows_as_stopping(real_robot):
     container = {"stop_signal": "SIGINT", "stop_grace_period": f"{GRACE:g}s"}
     arm = {"command": ["python3", "-S", "-c", DEAF], "container": container, "idle": {"action": "stop"}}

@@ -30,6 +30,7 @@ def begin(daemon: Daemon, services: dict) -> Client:
     return Client(daemon.robot.socket())
 
 
+@pytest.mark.slow
 def test_who_waits_through_a_stop_gets_what_was_asked_for(daemon, tmp_path):
     mark = tmp_path / "ready" if daemon.robot.kind == "process" else "/ready"
     client = begin(
@@ -68,6 +69,7 @@ def test_who_waits_through_a_stop_gets_what_was_asked_for(daemon, tmp_path):
     wait_for(lambda: "cam" not in daemon.robot.active())
 
 
+@pytest.mark.slow
 def test_what_an_rorg_was_ending_when_it_was_killed_is_not_ready_for_the_next(daemon):
     client = begin(
         daemon,

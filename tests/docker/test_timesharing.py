@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 POLICY = {"policy": {"budget": {"cpu": 1.0, "over": "queue"}}}
 
 
@@ -19,6 +21,7 @@ def test_a_lease_that_is_not_renewed_runs_out(robot):
     assert any("lease of 1 s ran out" in line for line in robot.log())
 
 
+@pytest.mark.slow
 def test_a_lease_that_is_renewed_goes_on(robot):
     robot.declare({"camera": {}, "lidar": {}})
     robot.settle()
@@ -34,6 +37,7 @@ def test_a_lease_that_is_renewed_goes_on(robot):
     active(robot)
 
 
+@pytest.mark.slow
 def test_no_lease_runs_out_while_its_owner_is_paused(robot):
     robot.declare({"behaviour": {"idle": {"action": "pause"}}, "camera": {}, "lidar": {}})
     robot.settle()
@@ -72,6 +76,7 @@ def test_a_paused_service_is_stopped_after_a_while(robot):
     robot.wait(lambda: any("# stop camera (not wanted for" in line for line in robot.log()))
 
 
+@pytest.mark.slow
 def test_a_held_service_is_ceased_though_requested_and_its_dependants_wait_with_the_reason(robot):
     robot.declare({"roscore": {}, "localization": {"needs": ["roscore"]}, "navigation": {"needs": ["localization"]}})
     robot.settle()
@@ -88,6 +93,7 @@ def test_a_held_service_is_ceased_though_requested_and_its_dependants_wait_with_
     active(robot, "roscore", "localization", "navigation")
 
 
+@pytest.mark.slow
 def test_while_suspended_nothing_changes_and_drift_is_shown(robot):
     robot.declare({"camera": {}})
     robot.settle()

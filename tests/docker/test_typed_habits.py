@@ -114,6 +114,7 @@ def test_copies_as_a_tar_stream(robot, tmp_path):
     assert (refused.returncode, b"is no tar stream" in refused.stderr) == (2, True)
 
 
+@pytest.mark.slow
 def test_apply_says_that_it_does_not_wait_for_the_bake_or_does(rorg, robot):
     changed = {"update": {"bake": "3s"}, "container": {"environment": {"A": "1"}}}
     robot.declare({**TREE, "base": {**TREE["base"], **changed}})

@@ -53,6 +53,7 @@ def mounted(request, tmp_path):
     robot.close()
 
 
+@pytest.mark.slow
 @pytest.mark.smoke
 def test_a_bad_mounted_file_is_rolled_back(mounted):
     bad = mounted.save(ENDS)
@@ -106,6 +107,7 @@ def test_why_names_no_rollback_outside_of_git(tmp_path):
         robot.close()
 
 
+@pytest.mark.slow
 def test_the_plan_of_a_rollback_shows_changed_files_of_what_runs(mounted):
     second = mounted.save(f"# slower\n{WELL}")
     stands(mounted, second, "good")
@@ -115,6 +117,7 @@ def test_the_plan_of_a_rollback_shows_changed_files_of_what_runs(mounted):
     assert "No differences" not in said
 
 
+@pytest.mark.slow
 def test_of_many_revisions_that_differ_in_a_file_the_last_proven_one_comes_back(mounted):
     """Once it went back past all of them, to a known crash loop."""
     for number in (2, 3, 4):
@@ -127,6 +130,7 @@ def test_of_many_revisions_that_differ_in_a_file_the_last_proven_one_comes_back(
     assert git(mounted, "log", "-1", "--format=%s").startswith(f"Roll back to 6 ({mended[:12]})")
 
 
+@pytest.mark.slow
 def test_a_release_repairs_nothing(mounted):
     bad = mounted.save(ENDS)
     stands(mounted, bad, "failed")
@@ -143,6 +147,7 @@ def test_a_release_repairs_nothing(mounted):
     assert mounted.history()[number] == "failed"
 
 
+@pytest.mark.slow
 def test_what_was_good_and_then_fails_says_so(mounted):
     """Its program needs a file that somebody takes away."""
     marker = mounted.tree.parent / "marker"
@@ -174,6 +179,7 @@ def test_what_was_good_and_then_fails_says_so(mounted):
     assert said.endswith("; try `rorg rollback REV`, with a REV of `rorg history` or `git log`\n")
 
 
+@pytest.mark.slow
 def test_what_was_never_tried_is_untested_and_no_goal_of_a_rollback(mounted):
     changed = {"container": {"environment": {"N": "1"}}}
     nav = {"command": ["sh", "-c", WELL]}
@@ -196,6 +202,7 @@ def test_what_was_never_tried_is_untested_and_no_goal_of_a_rollback(mounted):
     assert "caution: revision 2 is not known to work: other never ran as declared then" in said
 
 
+@pytest.mark.slow
 def test_a_return_to_a_failed_revision_is_not_made_without_a_word(mounted):
     bad = mounted.save(ENDS)
     stands(mounted, bad, "failed")

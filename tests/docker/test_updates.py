@@ -129,6 +129,7 @@ def test_apply_says_that_a_change_failed(docker_robot):
     assert running(robot, "arm")
 
 
+@pytest.mark.slow
 def test_what_runs_goes_on_until_the_new_one_can_begin(virtual):
     """A new need that is never ready ends nothing."""
     virtual.declare({"nav": {"always_on": True}, "gps": {"ready": {"tcp": 1}}})
@@ -392,6 +393,7 @@ def test_volumes_of_a_container_that_an_older_rorg_made(docker_robot, image_with
 # -- files that a service mounts from the tree -------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_changed_files_restart_signal_or_nothing(real_robot):
     """Also by a rorg that was not there when they changed; a revert counts as a change."""
     robot = real_robot

@@ -142,6 +142,7 @@ def served(request, tmp_path):
     found.close()
 
 
+@pytest.mark.slow
 def test_a_revision_that_breaks_ready_bakes_until_that_has_answered_and_fails(served, tmp_path):
     robot = served
     mark = tmp_path / "mark" if robot.kind == "process" else "/mark"
@@ -163,6 +164,7 @@ def test_a_revision_that_breaks_ready_bakes_until_that_has_answered_and_fails(se
     assert identity(robot, "arm") == before
 
 
+@pytest.mark.slow
 def test_a_failure_that_is_reverted_at_once_stays_one(real_robot):
     robot = real_robot
     robot.declare({"arm": ON})
@@ -179,6 +181,7 @@ def test_a_failure_that_is_reverted_at_once_stays_one(real_robot):
 # -- what rorg stopped is no crash -----------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_changes_and_reverts_during_a_bake_are_no_crashes(real_robot):
     robot = real_robot
     ends = "import os, signal\nsignal.signal(2, lambda *_: os._exit(130))\nwhile True: signal.pause()"

@@ -98,6 +98,7 @@ def run(way: str, number: int, missed: float) -> dict:
     }
 
 
+@pytest.mark.slow
 def test_the_page_shows_means_with_their_intervals(tmp_path, monkeypatch):
     machine = {
         "cores": 2,

@@ -15,6 +15,7 @@ from common import ROOT
 PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md")), ROOT / "manifests" / "README.md"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("script", ["reference/generate.py", "explanation/import_graph.py"])
 def test_what_is_generated_is_current(script):
     subprocess.run([sys.executable, str(ROOT / "docs" / script), "--check"], check=True)

@@ -29,6 +29,7 @@ def test_a_page_shows_the_figures(path):
     assert evaluate.page(path, FOUND) == path.read_text(), REMEDY
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", evaluate.TRACES)
 def test_figures_and_plots_are_current(name):
     """By one seed: it is one of those that the means are made of, and that of the plot."""
@@ -45,6 +46,7 @@ def test_figures_and_plots_are_current(name):
     assert "synthetic weights and trace" in plot
 
 
+@pytest.mark.slow
 def test_a_figure_of_the_sensitivity_is_current():
     robot, trace, workload = evaluate.robot(), evaluate.trace("hour"), evaluate.weights()
     changed = evaluate.reweighted(robot, workload, dict.fromkeys(evaluate.CLASSES["perception"].services, (2.0, 2.0)))

@@ -16,6 +16,7 @@ sys.exit(build(Path({str(folder)!r}), {more!r}))"
     return subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, timeout=300)
 
 
+@pytest.mark.slow
 def test_every_page_is_there_and_found(tmp_path):
     done = build(tmp_path / "site")
     assert (done.returncode, done.stderr) == (0, "")
@@ -28,6 +29,7 @@ def test_every_page_is_there_and_found(tmp_path):
     assert 'href="../schemas/index.html"' in (tmp_path / "site/docs/index.html").read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("link", ["[a](docs/nothing.md)", "[a](docs/tutorial.md#nothing)"])
 def test_a_link_that_leads_nowhere_fails_it(tmp_path, link):
     done = build(tmp_path / "site", f"\n{link}\n")

@@ -66,6 +66,7 @@ def wheel(once) -> Path:
     return next(once("wheel", make).glob("*.whl"))
 
 
+@pytest.mark.slow
 def test_the_wheel_holds_the_client_the_demo_and_the_first_robots(wheel):
     names = set(zipfile.ZipFile(wheel).namelist())
     for name in (

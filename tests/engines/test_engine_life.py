@@ -129,6 +129,7 @@ def day(request, tmp_path):
     found.close()
 
 
+@pytest.mark.slow
 def test_a_day_passes_without_a_surprise(day):
     for services in TOUR:
         day.request(*services)

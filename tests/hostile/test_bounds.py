@@ -73,6 +73,7 @@ def test_a_service_asks_for_no_more_than_its_own_priority(robot):
     assert {r.id: r.priority for r in robot.requests()} == {"look": 40, "plain": None, "urgent": 90}
 
 
+@pytest.mark.slow
 def test_what_is_withdrawn_is_refused_on_open_connections_and_their_leases_run_out(robot):
     own, kept = robot.client("alpha"), Open(robot, "alpha")
     own.call("PUT", "/v1/requests/far", {"services": ["lidar"], "ttl": "2s"})

@@ -119,6 +119,7 @@ def test_a_redirect_is_an_answer_and_leads_nowhere():
         assert other.asked == 0
 
 
+@pytest.mark.slow
 def test_a_name_that_nobody_looks_up_in_time(monkeypatch):
     """As with a name server that is out of reach: the resolver tries for half a minute."""
     back, asked, real = threading.Event(), [], socket.getaddrinfo

@@ -94,6 +94,7 @@ def test_an_answer_without_end_is_an_error_that_names_the_engine(endless, call, 
     assert len(str(failed.value)) < 20_000
 
 
+@pytest.mark.slow
 def test_lines_without_end_after_a_list_end(endless):
     endless.piece = b'{"Action": "start", "Actor": {"ID": "x"}}\n' * 1000
     engine = DockerEngine("mine", f"unix://{endless.server_address}")

@@ -24,6 +24,7 @@ def folder(tmp_path):
     return tmp_path / "robot"
 
 
+@pytest.mark.slow
 def test_a_file_that_is_exported_over_is_the_old_one_or_the_new_one(folder):
     assert run(folder, "9999", *COMMAND) == 0
     old = files(folder / "out")

@@ -79,6 +79,7 @@ def sleeping(number: int) -> list[int]:
     return [p.pid for p in psutil.process_iter(["cmdline"]) if SLEEP.format(number) in (p.info["cmdline"] or [])]
 
 
+@pytest.mark.slow
 def test_what_hangs_holds_up_nobody_else(daemon, hosts):
     robot, number = daemon.robot, 100000 + free_port()
     friend = {"ready": {"exec": python("pass"), "interval": "100ms"}}

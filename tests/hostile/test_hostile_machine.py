@@ -105,6 +105,7 @@ def goes_on(team: Team) -> None:
     assert base(team).events("internal-error") == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("digits", ["9" * 4300, str(2**63 - 2), "1e400", '"' + "9" * 4000 + '"'])
 def test_a_number_of_one_machine_means_nothing_to_the_others(team, bad, digits):
     asked = bad.asked
@@ -117,6 +118,7 @@ def test_a_number_of_one_machine_means_nothing_to_the_others(team, bad, digits):
     goes_on(team)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("more", [{"number": 2**63}, {"asking": [["camera", 1e400]]}, {"boot": "x" * 20_000}])
 def test_a_renewal_out_of_bounds_is_refused(team, bad, more):
     files = team.folder / "certificates"
@@ -127,6 +129,7 @@ def test_a_renewal_out_of_bounds_is_refused(team, bad, more):
     goes_on(team)
 
 
+@pytest.mark.slow
 def test_wrong_answers_are_an_event_once_and_end_with_the_machine_that_gives_them(team, bad):
     bad.answer = lambda _path, _renewal: said(b"[" * 100_000)
     wait_for(lambda: base(team).events("link-refused"), 20, "the event")
@@ -148,6 +151,7 @@ def endless(text: bytes) -> Answer:
     return lambda _path, _renewal: itertools.repeat(text)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("answer", "burst"),
     [
@@ -182,6 +186,7 @@ def drip(_path: str, _renewal: dict[str, Any]) -> Iterator[bytes]:
         yield b" "
 
 
+@pytest.mark.slow
 def test_an_answer_that_drips_has_a_deadline(team, bad):
     bad.answer = drip
     machines = partial(base(team).client.call, "GET", "/v1/machines")

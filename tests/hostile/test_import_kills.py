@@ -23,6 +23,7 @@ def folder(tmp_path):
     return tmp_path / "robot"
 
 
+@pytest.mark.slow
 def test_a_new_directory_appears_at_once(folder):
     assert run(folder, "9999", "import", "compose") == 0
     whole = files(folder / "manifests")
@@ -42,6 +43,7 @@ def test_a_new_directory_appears_at_once(folder):
     assert not [path.name for path in folder.iterdir() if ".part" in path.name], "the next import clears up"
 
 
+@pytest.mark.slow
 def test_a_file_that_is_written_over_is_the_old_one_or_the_new_one(folder):
     assert run(folder, "9999", "import", "compose") == 0
     old = files(folder / "manifests")

@@ -120,6 +120,7 @@ def test_mutated_units_are_imported_or_refused(tmp_path):
     fuzz("units", 60, projects(tmp_path, UNITS, UNIT_WORDS, attempt))
 
 
+@pytest.mark.slow
 @pytest.mark.fuzz
 def test_mutated_compose_projects_are_imported_or_refused(tmp_path):
     def attempt(case: Case) -> None:

@@ -162,6 +162,7 @@ COMPOSES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", COMPOSES.values(), ids=COMPOSES)
 def test_an_import_of_any_compose_project_ends_in_words(folder, make):
     make(folder)
@@ -184,6 +185,7 @@ UNITS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("line", UNITS.values(), ids=UNITS)
 def test_an_import_of_any_unit_ends_in_words(folder, line):
     (folder / "nav.service").write_text(f"[Service]\nExecStart=/x\n{line}\n")
@@ -195,6 +197,7 @@ def test_an_import_of_any_unit_ends_in_words(folder, line):
         assert "nav.service" in found.out
 
 
+@pytest.mark.slow
 def test_a_unit_that_is_a_pipe_or_a_device_is_told(folder):
     os.mkfifo(folder / "nav.service")
     assert "not a regular file" in imported(folder, "systemd", "nav.service").out
@@ -223,6 +226,7 @@ def test_a_compose_file_names_no_file_outside_of_its_project(folder, said):
     assert "compose.yaml:4:" in found.out
 
 
+@pytest.mark.slow
 def test_an_include_and_an_env_file_outside_of_the_project_are_refused(folder):
     compose(folder, "include: [{path: ../outside/shadow}]\nservices: {a: {image: x}}\n")
     assert "outside" in imported(folder, "compose").out
@@ -242,6 +246,7 @@ def test_a_launch_file_includes_nothing_outside_of_its_project(folder):
     assert not [text for text in texts if "hidden" in text]
 
 
+@pytest.mark.slow
 def test_what_a_person_names_may_be_read(folder):
     compose(folder, service("env_file: ../outside/nav.env"))
     (folder.parent / "outside" / "nav.env").write_text("A=b\n")
@@ -250,6 +255,7 @@ def test_what_a_person_names_may_be_read(folder):
     assert imported(folder, "compose", "--read", "../outside/nav.env", "--force").code == 0
 
 
+@pytest.mark.slow
 def test_files_of_one_repository_may_name_each_other(folder):
     (folder / ".git").mkdir()
     (folder / "robot").mkdir()

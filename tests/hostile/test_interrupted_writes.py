@@ -103,6 +103,7 @@ CHAIN = [
 """A change, the step before which rorg is killed, and what the next one says of it."""
 
 
+@pytest.mark.slow
 def test_the_next_rorg_finishes_or_undoes_a_change_and_says_so(robot):
     steps = [step for _, _, step, _ in CHAIN]
     robot.start(killed_at=steps[0])
@@ -136,6 +137,7 @@ def git_elsewhere(tmp_path):
         git.stdin.close()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("git_elsewhere")
 @pytest.mark.parametrize("also", ["", "kill -9 $PPID\n"], ids=["git goes on", "git is killed too"])
 def test_a_kill_while_git_commits_leaves_no_lock_and_nothing_uncommitted(robot, also):

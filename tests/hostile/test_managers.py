@@ -70,6 +70,7 @@ def named(spec: object, variable: str) -> object:
     return spec.replace("%s", variable) if isinstance(spec, str) else spec
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spec", VARIABLES.values(), ids=VARIABLES)
 def test_a_manager_reads_no_variable(robot, spec):
     said = refusal(robot, named(spec, "PIN"))
@@ -97,6 +98,7 @@ FILES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spec", FILES.values(), ids=FILES)
 def test_a_manager_learns_nothing_of_files(robot, tmp_path, spec):
     secret = tmp_path / "secret.env"
@@ -135,12 +137,14 @@ MORE = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spec", MORE.values(), ids=MORE)
 def test_what_a_manager_writes_has_no_right_that_it_lacks(robot, spec):
     refusal(robot, spec)
     put(robot, {"container": {"pids_limit": 100, "cap_drop": ["ALL"], "cpus": 0.5, "read_only": True}})
 
 
+@pytest.mark.slow
 def test_a_manager_gives_what_it_has_and_what_a_person_gave_to_the_service(robot):
     put(robot, {**KEPT, "priority": 9}, "lab-kept", base_of(robot, "lab-kept"))
     more = {**KEPT["container"], "annotations": {"a": "b", "c": "d"}}
@@ -155,6 +159,7 @@ def test_a_manager_gives_what_it_has_and_what_a_person_gave_to_the_service(robot
         refusal(robot, {"container": container}, "lab-z")
 
 
+@pytest.mark.slow
 def test_a_probe_of_what_a_manager_writes_reaches_no_network_that_it_lacks(robot):
     probe = {"ready": {"http": "http://10.0.0.1/"}}
     put(robot, probe)

@@ -86,6 +86,7 @@ def robot(tmp_path_factory) -> Iterator[RealRobot]:
     found.close()
 
 
+@pytest.mark.slow
 @given(st.lists(messages, max_size=6))
 @settings(max_examples=120, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_no_message_ends_a_pass(robot, said):

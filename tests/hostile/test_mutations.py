@@ -29,6 +29,7 @@ def mutation(texts: list[str], chance: random.Random) -> tuple[int, str]:
     return which, yaml.safe_dump(value, allow_unicode=chance.random() < 0.5)
 
 
+@pytest.mark.slow
 @pytest.mark.fuzz
 def test_mutated_manifests_are_read_or_refused_with_their_place(tmp_path):
     root = a_tree(tmp_path)

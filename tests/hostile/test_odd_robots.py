@@ -86,6 +86,7 @@ def folder(tmp_path_factory):
     return made
 
 
+@pytest.mark.slow
 def test_each_robot_is_one_row_whatever_it_answers(folder):
     tls = with_certificate(folder / "certificates", "base")
     long = summary(reason="x" * 50_000, health={"\x1b[31m\n": 1})

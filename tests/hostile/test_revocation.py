@@ -8,6 +8,7 @@ import ssl
 import subprocess
 from pathlib import Path
 
+import pytest
 from certificates import certificate
 from common import free_port, wait_for
 from rorg_process import RorgProcess
@@ -59,6 +60,7 @@ def options(folder: Path, port: int) -> list[str]:
     return ["--listen", f"127.0.0.1:{port}", *tls]
 
 
+@pytest.mark.slow
 def test_a_revoked_certificate_is_refused_at_once_and_its_connections_end(tmp_path):
     for name, authority in (("authority", ""), ("robot", "authority"), ("ada", "authority"), ("bob", "authority")):
         certificate(tmp_path, name, authority)

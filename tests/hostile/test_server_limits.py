@@ -55,6 +55,7 @@ def many(count: int, opening):
 # -- too many ----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_silent_peers_on_tcp_take_no_descriptor_that_the_loop_needs(robot):  # noqa: F811
     client = robot.client(patience=20)
     with many(FILES + 100, lambda: socket.create_connection(("127.0.0.1", robot.port))):
@@ -149,6 +150,7 @@ def test_a_refused_body_without_end_is_hung_up_on(robot):  # noqa: F811
     robot.others()
 
 
+@pytest.mark.slow
 def test_bodies_that_never_end_are_few(robot):  # noqa: F811
     """Of one service; each is kept as far as it has come."""
     half = asking("PUT", "/v1/manifests/Service/x", content_length=str(limits.MOST_BODY)) + b" " * 900_000
@@ -210,6 +212,7 @@ def test_who_asks_too_often_hears_when_to_come_again(robot):  # noqa: F811
     assert "its share of rorg" in json.loads(body)["cause"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["reads", "changes"])
 def test_a_request_is_acted_on_nearly_as_soon_beside_a_flood(robot, kind):  # noqa: F811
     """In turns, so that both have the same machine. What is left for chance is much, since a machine whose cores are
@@ -228,11 +231,13 @@ def test_what_speaks_no_tls_is_not_logged(robot):  # noqa: F811
     assert robot.log() - said < 5000, "a line of each would be more"
 
 
+@pytest.mark.slow
 def test_a_handshake_that_does_not_end_is_ended(robot):  # noqa: F811
     with socket.create_connection(("127.0.0.1", robot.port), timeout=limits.HANDSHAKE + 20) as connection:
         assert connection.recv(100) == b""
 
 
+@pytest.mark.slow
 def test_it_ends_at_once_whoever_calls(robot):  # noqa: F811
     """The last one: the others share this rorg."""
     silent = many(100, lambda: socket.create_connection(("127.0.0.1", robot.port)))
@@ -405,6 +410,7 @@ def test_a_person_is_never_told_to_wait(near):
     assert not [line for line in near.lines if "share" in line]
 
 
+@pytest.mark.slow
 def test_a_service_that_requests_and_releases_200_times_in_a_row_never_waits(near):
     with near.client().request("alpha", wait=30):
         client = Client(near.socket("alpha"), patience=0.0)

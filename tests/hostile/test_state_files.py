@@ -188,6 +188,7 @@ def a_loop_begins(tree: Path, state: StateDir) -> list[str]:
     return lines
 
 
+@pytest.mark.slow
 @pytest.mark.fuzz
 def test_spoilt_state_files_are_passed_over_or_told(left, tmp_path, monkeypatch):
     tree, kept = left
@@ -248,6 +249,7 @@ def test_a_status_that_is_none_is_not_believed_though_an_rorg_runs(left, tmp_pat
         state.release()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["run", "process", "lock", "owner.json", "instance.lock"])
 def test_what_lies_in_the_place_of_another_thing_is_told_with_its_path(left, tmp_path, name):
     """Of what an rorg cannot do without."""

@@ -114,6 +114,7 @@ def mode(path: Path) -> int:
     return stat.S_IMODE(path.lstat().st_mode)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("umask", [0o000, 0o027, 0o077], ids=oct)
 def test_files_are_private_and_sockets_are_reached_whatever_the_umask(folder, umask):
     group = next(g for g in grp.getgrall() if g.gr_gid not in (0, STRANGER))

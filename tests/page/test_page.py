@@ -74,6 +74,7 @@ def node(watched: Watched, name: str, text: str) -> None:
     watched.page.wait_for_selector(f'.node[aria-label="{name}: {text}"]')
 
 
+@pytest.mark.slow
 def test_the_tour_comes_and_goes(robot, watched):
     """Without a reload: localization comes with what needs it, and goes with it."""
     client = robot.client()
@@ -88,6 +89,7 @@ def test_the_tour_comes_and_goes(robot, watched):
     node(watched, "localization", "stopped")
 
 
+@pytest.mark.slow
 def test_why_is_one_click_away(robot, watched):
     robot.client().call("PUT", "/v1/requests/t", {"services": ["tour"], "reason": "a visitor"})
     watched.page.click(".services button:text-is('localization')")
@@ -106,6 +108,7 @@ def test_why_is_one_click_away(robot, watched):
     watched.page.wait_for_selector(".drawer", state="detached")
 
 
+@pytest.mark.slow
 def test_a_request_is_made_and_released_and_shows_its_plan_first(robot, watched):
     watched.view("now/tour")
     watched.page.click(".drawer button:text-is('Request')")
@@ -121,6 +124,7 @@ def test_a_request_is_made_and_released_and_shows_its_plan_first(robot, watched)
     node(watched, "tour", "stopped")
 
 
+@pytest.mark.slow
 def test_a_restart_says_what_restarts(robot, watched):
     robot.client().call("PUT", "/v1/requests/t", {"services": ["tour"]})
     node(watched, "tour", "ready")
@@ -132,6 +136,7 @@ def test_a_restart_says_what_restarts(robot, watched):
     wait_for(lambda: robot.client().service("localization")["incarnation"] not in ("", run), 20, "the restart")
 
 
+@pytest.mark.slow
 def test_a_hold_says_that_it_stops_the_service_and_asks_for_a_driver(robot, watched):
     node(watched, "arm", "ready")
     watched.view("now/arm")
@@ -146,6 +151,7 @@ def test_a_hold_says_that_it_stops_the_service_and_asks_for_a_driver(robot, watc
     assert robot.client().service("arm")["health"] == "Waiting"
 
 
+@pytest.mark.slow
 def test_rorg_is_suspended_and_goes_on(robot, watched):
     watched.page.click("button:text-is('Suspend rorg')")
     watched.page.fill("dialog input[name=reason]", "maintenance")
@@ -159,6 +165,7 @@ def test_rorg_is_suspended_and_goes_on(robot, watched):
     node(watched, "tour", "ready")
 
 
+@pytest.mark.slow
 def test_a_group_is_shown_alone(robot, watched):
     write_tree(robot.tree, TOUR, groups={"driving": {"services": ["navigation", "localization"]}})
     watched.page.select_option("label:has-text('Group') select", "driving")
@@ -166,6 +173,7 @@ def test_a_group_is_shown_alone(robot, watched):
     wait_for(lambda: sorted(rows.all_inner_texts()) == ["localization", "navigation"], 10, "its members alone")
 
 
+@pytest.mark.slow
 def test_the_loop_is_lost_and_comes_back(robot, watched):
     robot.stop(kill=True)
     watched.page.wait_for_selector(".troubles .lost")
@@ -175,6 +183,7 @@ def test_the_loop_is_lost_and_comes_back(robot, watched):
     node(watched, "tour", "ready")
 
 
+@pytest.mark.slow
 def test_a_refused_commit_shows_its_line(robot, watched):
     path = robot.tree / "services/tour.yaml"
     path.write_text(path.read_text() + "  nonsense: 1\n")
@@ -182,6 +191,7 @@ def test_a_refused_commit_shows_its_line(robot, watched):
     watched.page.wait_for_selector(f".troubles .refused:has-text('tour.yaml:{line}:')")
 
 
+@pytest.mark.slow
 def test_a_manifest_is_checked_while_it_is_edited_and_committed(robot, watched):
     watched.view("manifests")
     watched.page.click(".list button:text-is('Service tour')")
@@ -206,6 +216,7 @@ def test_a_manifest_is_checked_while_it_is_edited_and_committed(robot, watched):
     assert yaml.safe_load((robot.tree / "services/tour.yaml").read_text())["spec"]["priority"] == 70
 
 
+@pytest.mark.slow
 def test_what_was_is_there_over_time(robot, watched):
     client = robot.client()
     client.call("PUT", "/v1/requests/t", {"services": ["tour"], "reason": "a visitor"})
@@ -249,6 +260,7 @@ def test_what_was_is_there_over_time(robot, watched):
     watched.page.wait_for_selector(".drawer h2:has-text('tour')")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width", [360, 1400])
 def test_everybody_can_use_every_view(robot, chromium, ui, scheme, width):

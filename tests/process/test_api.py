@@ -77,6 +77,7 @@ def test_what_cannot_be_is_refused_whole_with_cause_and_remedy(robot, client):
         client.call("PUT", "/v1/requests/x", {"services": ["camera"], "ttl": "soon"})
 
 
+@pytest.mark.slow
 def test_a_heartbeat_keeps_a_lease_and_without_it_it_ends(robot, client):
     with client.request("camera", ttl=0.6, wait=20):
         client.request("lidar", id="clock", ttl=None)
@@ -264,6 +265,7 @@ def test_a_stranger_may_nothing(robot):
     os.waitpid(child, 0)
 
 
+@pytest.mark.slow
 def test_a_service_requests_for_itself_and_within_its_manifest(robot, client):
     with pytest.raises(Refused, match="does not run") as refused:
         robot.client("behaviour").request("camera")
@@ -408,6 +410,7 @@ while True:
 """
 
 
+@pytest.mark.slow
 def test_a_program_killed_at_any_moment_leaves_nothing_behind(tmp_path):
     """It requests, waits and releases without a pause, and is killed at ten random moments of that."""
     dice = random.Random(11)

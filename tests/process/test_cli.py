@@ -13,6 +13,7 @@ from common import wait_for
 from robots import write_tree
 
 
+@pytest.mark.slow
 def test_exit_codes_without_an_engine(shell, tmp_path):  # noqa: F811
     assert shell("validate", str(shell.tree)).stdout == ""
     assert "cannot" in shell("validate", str(tmp_path / "nothing"), code=2).stderr
@@ -43,6 +44,7 @@ def test_a_requests_file_that_is_none_is_told(shell):  # noqa: F811
     assert "not a regular file" in shell("diff", str(shell.tree), code=2).stderr
 
 
+@pytest.mark.slow
 def test_apply_alone_and_again(shell):  # noqa: F811
     shell("apply", str(shell.tree), "--yes", "--wait")
     assert shell("diff", str(shell.tree), code=0).stdout == "No differences.\n"
@@ -63,6 +65,7 @@ def test_apply_that_does_not_get_ready_exits_4(shell):  # noqa: F811
     assert "rorg: apply incomplete: 1 service not ready" in told
 
 
+@pytest.mark.slow
 def test_request_why_release_with_a_running_loop(shell):  # noqa: F811
     shell.run()
     shell("request", "driving", "--id", "tour", "--reason", "a visitor", "--wait")
@@ -91,6 +94,7 @@ def test_request_why_release_with_a_running_loop(shell):  # noqa: F811
     shell("logs", "navigation")
 
 
+@pytest.mark.slow
 def test_what_a_service_waits_for_reads_as_a_sentence(shell):  # noqa: F811
     gpu = {"exclusive": ["gpu"]}
     write_tree(shell.tree, {"base": {"always_on": True}, "camera": gpu, "tracker": {**gpu, "priority": 90}})
@@ -121,6 +125,7 @@ def test_what_a_service_waits_for_reads_as_a_sentence(shell):  # noqa: F811
     wait_for(lambda: "camera" in shell.active())
 
 
+@pytest.mark.slow
 def test_only_what_would_let_a_service_in_is_suggested(shell):  # noqa: F811
     gpu = {"exclusive": ["gpu"]}
     specs = {"camera": gpu, "base": {**gpu, "always_on": True, "priority": 90}, "viewer": {"needs": ["camera"]}}
@@ -133,6 +138,7 @@ def test_only_what_would_let_a_service_in_is_suggested(shell):  # noqa: F811
     assert "rorg release" not in "".join(lines), "no request keeps the base active"
 
 
+@pytest.mark.slow
 def test_requests_that_cannot_be_accepted(shell):  # noqa: F811
     shell.run()
     assert "'navigation'" in shell("request", "navigaton", code=2).stderr
@@ -140,6 +146,7 @@ def test_requests_that_cannot_be_accepted(shell):  # noqa: F811
     assert not (shell.state / "requests.yaml").exists()
 
 
+@pytest.mark.slow
 def test_a_driver_is_not_restarted_without_being_asked(shell):  # noqa: F811
     shell.run()
     before = json.loads(shell("get", "services", "base", "-o", "json").stdout)[0]["incarnation"]
@@ -149,12 +156,14 @@ def test_a_driver_is_not_restarted_without_being_asked(shell):  # noqa: F811
     assert before != after
 
 
+@pytest.mark.slow
 def test_apply_of_another_tree_is_refused_while_one_is_followed(shell, tmp_path):  # noqa: F811
     shell.run()
     other = write_tree(tmp_path / "other", {"base": {}})
     assert "owns this robot" in shell("apply", str(other), "--yes", code=5).stderr
 
 
+@pytest.mark.slow
 def test_a_change_is_applied_by_the_running_loop(shell):  # noqa: F811
     shell.run()
     write_tree(shell.tree, {**SERVICES, "camera": {"always_on": True}})
@@ -162,6 +171,7 @@ def test_a_change_is_applied_by_the_running_loop(shell):  # noqa: F811
     assert "camera" in shell.active()
 
 
+@pytest.mark.slow
 def test_secrets_are_in_no_output(shell):  # noqa: F811
     write_tree(shell.tree, {"base": {"always_on": True, "container": {"environment": {"KEY": "hunter2"}}}})
     shell("apply", str(shell.tree), "--yes", "--wait")
@@ -186,6 +196,7 @@ def test_completion(shell, name):  # noqa: F811
     assert "_RORG_COMPLETE" in shell("completion", name).stdout
 
 
+@pytest.mark.slow
 def test_a_hold_and_a_suspension_are_shown_and_end(shell):  # noqa: F811
     shell.run()
     shell("request", "driving")
@@ -226,6 +237,7 @@ def test_a_request_over_the_budget_is_refused_where_the_policy_says_so(shell):  
     shell("request", "aa", "--id", "again")
 
 
+@pytest.mark.slow
 def test_wait_events_and_top_talk_to_the_running_rorg(shell):  # noqa: F811
     shell("wait", "navigation", code=3)
     shell.run()
@@ -242,6 +254,7 @@ def test_wait_events_and_top_talk_to_the_running_rorg(shell):  # noqa: F811
     assert "held until" in shell("wait", "navigation", code=4).stderr
 
 
+@pytest.mark.slow
 def test_a_wait_that_fails_says_the_reason_of_what_was_asked_for(shell):  # noqa: F811
     shell.run()
     shell("hold", "navigation", "--for", "10m", "--reason", "calibration")

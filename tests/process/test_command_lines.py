@@ -199,14 +199,17 @@ def test_there_are_many():
     assert len(split(UNREAD)) + len(by_code(ALONE)) + len(by_code(SERVED)) >= 300
 
 
+@pytest.mark.slow
 def test_lines_that_say_nothing_sensible(alone):
     all_held(alone, [(line, 2) for line in split(UNREAD)])
 
 
+@pytest.mark.slow
 def test_lines_where_no_rorg_runs(alone):
     all_held(alone, by_code(ALONE))
 
 
+@pytest.mark.slow
 def test_lines_beside_a_running_rorg(served):
     all_held(served, by_code(SERVED))
 
@@ -231,6 +234,7 @@ def test_without_manifests_in_force_a_name_is_not_the_mistake(refused, line):
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("columns", ["60", "200"])
 def test_neither_width_nor_colour_changes_what_is_piped(alone, served, columns):
     lines = ["relase", "get --wach", "request arm --ttl 5q", "why", "get nonsense", "logs nosuch"]

@@ -57,6 +57,7 @@ def offered(robot, shell, line) -> list[str]:  # noqa: F811
     return rorg(robot, *line.split(" "), _RORG_COMPLETE=shell).stdout.splitlines()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("running", [True, False], ids=["running", "alone"])
 def test_what_may_follow(robot, running):  # noqa: F811
     rorg(robot, "request", "navigation", "--id", "tour")
@@ -107,6 +108,7 @@ def shell_of(robot, folder, name: str) -> dict[str, str]:  # noqa: F811
     return {"PATH": path, "RORG_STATE_DIR": str(robot.state.path), "HOME": str(folder), "TERM": "xterm"}
 
 
+@pytest.mark.slow
 def test_bash_itself_completes(robot, tmp_path):  # noqa: F811
     """By the script that it is given, as it does after TAB."""
     environment = shell_of(robot, tmp_path, "bash")
@@ -128,6 +130,7 @@ def test_bash_itself_completes(robot, tmp_path):  # noqa: F811
     assert lines[2:] == ["process", "why"]
 
 
+@pytest.mark.slow
 def test_fish_itself_completes(robot, tmp_path):  # noqa: F811
     (tmp_path / "folder").mkdir()
     asked = ["why na", "request base ", "why --engine=p", "restart --wa", "diff fol", "why 'na"]
@@ -152,6 +155,7 @@ def test_fish_itself_completes(robot, tmp_path):  # noqa: F811
     ], done.stderr
 
 
+@pytest.mark.slow
 def test_zsh_itself_completes(robot, tmp_path):  # noqa: F811
     """On a terminal: after TAB the line goes on, or shows what may stand there."""
     (tmp_path / "folder").mkdir()

@@ -140,6 +140,7 @@ def run_of(shell, name: str) -> str:  # noqa: F811
     return json.loads(shell("get", "services", name, "-o", "json").stdout)[0]["incarnation"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "verb", [("restart", "core"), ("hold", "core", "--for", "10m"), ("hold", "base", "--for", "9m")]
 )
@@ -157,6 +158,7 @@ def test_without_a_terminal_and_without_yes_nothing_that_moves_hardware_is_touch
     wait_for(lambda: run_of(shell, "base") != before)
 
 
+@pytest.mark.slow
 def test_where_no_rorg_runs_it_is_asked_for_too(shell):  # noqa: F811
     write_tree(shell.tree, SHOP)
     shell("apply", str(shell.tree), "--yes", "--wait")
@@ -166,6 +168,7 @@ def test_where_no_rorg_runs_it_is_asked_for_too(shell):  # noqa: F811
     shell("hold", "core", "--end")
 
 
+@pytest.mark.slow
 def test_the_api_names_who_is_affected_and_does_it_when_told_again(shell):  # noqa: F811
     from rorg_client import Client, Refused
 
@@ -180,6 +183,7 @@ def test_the_api_names_who_is_affected_and_does_it_when_told_again(shell):  # no
     client.unhold("core")
 
 
+@pytest.mark.slow
 def test_a_release_by_hand_asks_before_a_driver_stops(shell):  # noqa: F811
     from rorg_client import Client, Refused
 
@@ -203,6 +207,7 @@ def test_a_release_by_hand_asks_before_a_driver_stops(shell):  # noqa: F811
     assert json.loads(shell("get", "requests", "-o", "json").stdout) == [], "a program gives up its own unasked"
 
 
+@pytest.mark.slow
 def test_another_try_of_a_change_asks_where_it_replaces_a_driver(shell):  # noqa: F811
     good = {"always_on": True, "driver": {}, "update": {"bake": "100ms", "when": "now"}}
     write_tree(shell.tree, {"base": good})

@@ -113,6 +113,7 @@ def ask_everything(loop) -> None:
     table.since(LONG_AGO), table.slots(LONG_AGO, until)
 
 
+@pytest.mark.slow
 def test_a_robot_starts_and_answers_whatever_bytes_are_wrong(lively, tmp_path):
     shutil.copytree(lively / "tree", tmp_path / "tree")
     robot = RealRobot(tmp_path, "process", None)
@@ -138,6 +139,7 @@ def answer(client: Client, question: str) -> str:
     return ""
 
 
+@pytest.mark.slow
 def test_rorg_run_starts_and_serves_with_a_damaged_journal(lively, tmp_path):
     shutil.copytree(lively / "tree", tmp_path / "tree")
     process = RorgProcess(tmp_path, SERVICES)
@@ -166,6 +168,7 @@ def test_rorg_run_starts_and_serves_with_a_damaged_journal(lively, tmp_path):
         process.close()
 
 
+@pytest.mark.slow
 def test_commands_without_a_running_rorg_answer_or_say_in_one_line_why_not(lively, tmp_path):
     state = StateDir(tmp_path / "state").prepare()
     for seed in range(OFFLINE):

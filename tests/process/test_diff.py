@@ -109,6 +109,7 @@ def test_a_long_value_is_cut_to_what_differs():
 # -- commands --------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_diff_shows_one_line_a_service_and_the_steps_on_demand(robot):
     rorg(robot, "suspend", "--for", "10m")
     write_tree(robot.tree, services("slow", "61"))
@@ -124,6 +125,7 @@ def test_diff_shows_one_line_a_service_and_the_steps_on_demand(robot):
     assert "changed: command" in steps
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("running", [True, False], ids=["running", "alone"])
 def test_no_form_of_a_diff_tells_a_secret(robot, running):
     rorg(robot, "suspend", "--for", "10m")
@@ -158,6 +160,7 @@ def test_the_unified_form_shows_old_and_new_and_only_what_changes(robot):
     assert rorg(robot, "diff", "--service", "spare").stdout == "No differences of spare.\n"
 
 
+@pytest.mark.slow
 def test_apply_refuses_at_once_while_rorg_is_suspended(robot):
     rorg(robot, "suspend", "--for", "10m", "--reason", "maintenance")
     write_tree(robot.tree, services("slow", "61"))
@@ -170,6 +173,7 @@ def test_apply_refuses_at_once_while_rorg_is_suspended(robot):
         assert "rorg suspend --end" in said
 
 
+@pytest.mark.slow
 def test_another_tree_than_the_one_in_force_is_told(robot, tmp_path):
     other = write_tree(tmp_path / "other", {"camera": {}})
     assert f"follows {robot.tree}" in rorg(robot, "diff", str(other), code=1).stderr

@@ -70,6 +70,7 @@ def runs(pid: int) -> bool:
         return False
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("end", ["serving", "stopped", "killed"])
 def test_nothing_is_left_but_the_manifests(robot, end):
     programs = pids(robot)
@@ -88,6 +89,7 @@ def test_nothing_is_left_but_the_manifests(robot, end):
     assert (base["health"], base["message"]) == ("Waiting", "the robot is down")
 
 
+@pytest.mark.slow
 def test_it_is_known_to_the_state_alone(robot):
     programs = pids(robot)
     robot.stop()
@@ -97,6 +99,7 @@ def test_it_is_known_to_the_state_alone(robot):
     assert nothing_is_left(robot, programs)
 
 
+@pytest.mark.slow
 def test_without_a_terminal_nothing_is_done_unless_it_was_said(robot):
     done = rorg(robot, "down", code=5)
     assert "--yes" in done.stderr
@@ -107,6 +110,7 @@ def test_without_a_terminal_nothing_is_done_unless_it_was_said(robot):
     assert robot.client().service("base")["state"] == "running"
 
 
+@pytest.mark.slow
 def test_requests_can_be_kept(robot):
     programs = pids(robot)
     rorg(robot, "down", "--yes", "--keep-requests")
@@ -117,6 +121,7 @@ def test_requests_can_be_kept(robot):
     robot.client(patience=10.0).wait("map", timeout=30)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("end", ["serving", "killed"])
 def test_the_history_outlives_it_unless_it_is_to_be_forgotten(robot, end):
     """The robot that comes up again is the same one."""
@@ -140,6 +145,7 @@ def test_the_history_outlives_it_unless_it_is_to_be_forgotten(robot, end):
     wait_for(lambda: nothing_is_left(robot, programs, history=False))
 
 
+@pytest.mark.slow
 def test_what_failed_before_it_was_taken_down_is_not_good_afterwards(robot):
     wait_for(lambda: "good" in rorg(robot, "history").stdout)
     bad = {**SERVICES, "behavior": {"always_on": True, "command": ["sh", "-c", "exit 7"]}}
@@ -153,6 +159,7 @@ def test_what_failed_before_it_was_taken_down_is_not_good_afterwards(robot):
     assert "failed" in rorg(robot, "history").stdout
 
 
+@pytest.mark.slow
 def test_what_is_begun_is_ended_by_the_next_rorg(tmp_path):
     """Killed once it is accepted, while a program takes its time to end."""
     slow = {"command": [*WORK[:3], f"{WORK[3]}\nimport time\ntime.sleep(3)"], "always_on": True}
@@ -172,6 +179,7 @@ def test_what_is_begun_is_ended_by_the_next_rorg(tmp_path):
         robot.close()
 
 
+@pytest.mark.slow
 def test_whoever_restarts_rorg_leaves_it_down(robot):
     """systemd, say, at the next boot; a person says `run` or `up`, with a running rorg and without."""
     programs, identity = pids(robot), (robot.state / "instance").read_text()
@@ -204,6 +212,7 @@ def restarted(robot: RorgProcess) -> None:
     wait_for(lambda: robot.client(patience=60.0).status()["services"])
 
 
+@pytest.mark.slow
 def test_apply_brings_up_what_is_down(robot):
     rorg(robot, "down", "--yes")
     rorg(robot, "apply", str(robot.tree), "--yes", "--wait")
@@ -223,6 +232,7 @@ def test_a_container_that_names_no_service_keeps_nothing_up(tmp_path):
     assert is_down(RequestsDocument(down=True), decision)
 
 
+@pytest.mark.slow
 def test_a_service_may_not(robot):
     service = Client(robot.socket("behavior"))
     with pytest.raises(Forbidden):

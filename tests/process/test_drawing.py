@@ -43,6 +43,7 @@ def points(path: ElementTree.Element) -> list[tuple[float, float]]:
     return list(zip(numbers[::2], numbers[1::2], strict=True))
 
 
+@pytest.mark.slow
 def test_nothing_is_outside_and_nothing_overlaps(whole):
     _, _, width, height = map(float, whole.get("viewBox").split())
     paths = whole.findall("{*}path")
@@ -85,6 +86,7 @@ def test_a_legend_says_what_shapes_and_arrows_mean(whole):
     assert texts == ["always on", "needs; needs that follow from others are left out", "requests"]
 
 
+@pytest.mark.slow
 def test_what_everything_needs_can_be_left_out():
     drawn = picture("--hide", "roscore")
     assert "roscore" not in boxes(drawn)

@@ -69,6 +69,7 @@ class Caller(threading.Thread):
                 self.held.pop(id, None)
 
 
+@pytest.mark.slow
 def test_every_acknowledged_change_survives_kill_9(tmp_path):
     tree, state = write_tree(tmp_path / "tree", {"camera": {}}), StateDir(tmp_path / "state").prepare()
     socket = str(state.run / "rorg.sock")
@@ -119,6 +120,7 @@ def test_every_acknowledged_change_survives_kill_9(tmp_path):
             engine.remove(container.id)
 
 
+@pytest.mark.slow
 def test_a_held_request_outlives_a_restart_of_rorg(tmp_path):
     """The program that holds it notices nothing, and its service is not touched."""
     from robots import RealRobot
@@ -187,6 +189,7 @@ def test_a_request_is_acted_on_when_it_is_in_its_place_and_never_if_the_disk_ref
     committer.stop()
 
 
+@pytest.mark.slow
 def test_a_full_disk_refuses_a_request_and_starts_nothing_twice(tmp_path):
     """What the disk does not take is not acted on; a crashed service comes back once there is room, once."""
     with small_disk(tmp_path / "disk", "8m") as disk:

@@ -75,11 +75,13 @@ def test_a_change_is_written_and_committed_by_the_person(robot):
     assert not leftovers(robot)
 
 
+@pytest.mark.slow
 def test_other_kinds_have_their_kind_in_front(robot):
     assert edit(robot, "group/both", "text = text.replace('- base\\n', '')") == "group both edited\n"
     assert "base" not in (robot.tree / "groups/both.yaml").read_text()
 
 
+@pytest.mark.slow
 def test_what_is_left_as_it_is_changes_nothing(robot):
     for change in ("pass", "text = ''", "text = '# rorg: hello\\n' + text"):
         assert edit(robot, "service/arm", change) == "nothing changed\n"
@@ -87,6 +89,7 @@ def test_what_is_left_as_it_is_changes_nothing(robot):
     assert not leftovers(robot)
 
 
+@pytest.mark.slow
 def test_a_mistake_is_shown_on_top_and_the_editor_opens_again(robot, tmp_path):
     seen = tmp_path / "seen"
     change = (
@@ -102,6 +105,7 @@ def test_a_mistake_is_shown_on_top_and_the_editor_opens_again(robot, tmp_path):
     assert "  priority: 7" in manifest(robot, "arm").read_text()
 
 
+@pytest.mark.slow
 def test_a_mistake_that_stays_is_refused_and_the_text_kept(robot):
     before = manifest(robot, "arm").read_text()
     said = edit(robot, "arm", "text += '' if 'nonsense' in text else '  nonsense: 7\\n'", code=2)
@@ -112,6 +116,7 @@ def test_a_mistake_that_stays_is_refused_and_the_text_kept(robot):
     assert manifest(robot, "arm").read_text() == before
 
 
+@pytest.mark.slow
 def test_what_somebody_else_has_changed_meanwhile_stays(robot):
     change = f"open({str(manifest(robot, 'arm'))!r}, 'a').write('  priority: 3\\n'); text += '  priority: 7\\n'"
     assert "it was changed meanwhile" in edit(robot, "arm", change, code=5)
@@ -119,6 +124,7 @@ def test_what_somebody_else_has_changed_meanwhile_stays(robot):
     assert "priority: 7" in (leftovers(robot)[0] / "arm.yaml").read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "code", "told", "environment"),
     [
@@ -134,6 +140,7 @@ def test_what_cannot_be_edited_is_told(robot, name, code, told, environment):
     assert told in edit(robot, name, code=code, **environment)
 
 
+@pytest.mark.slow
 def test_the_other_documents_of_a_file_stay(robot):
     path, second = manifest(robot, "arm"), manifest(robot, "base")
     text = f"{path.read_text()}---\n# the second\n{second.read_text()}"

@@ -94,6 +94,7 @@ def test_the_example_of_a_kind_is_a_whole_manifest(kind):
     SPECS[kind].model_validate(value["spec"])
 
 
+@pytest.mark.slow
 def test_a_field_needs_no_robot(tmp_path):
     page = rorg("service.spec.idle.linger", at=tmp_path).stdout
     assert page.splitlines()[:3] == ["FIELD    service.spec.idle.linger", "TYPE     duration", "DEFAULT  0s"]
@@ -207,6 +208,7 @@ def test_every_value_has_its_source(tree):
     assert next(v.value for v in effective(tree, "arm") if v.field == "idle.linger") == 20.0
 
 
+@pytest.mark.slow
 def test_what_holds_is_what_the_service_has():
     """Of every service of a whole robot: each value of the container is there once, from who rorg says declares it."""
     root = ROOT / "manifests"
@@ -237,6 +239,7 @@ def test_no_form_shows_what_a_file_of_variables_says(tree, form):
     assert "hush" not in said
 
 
+@pytest.mark.slow
 def test_names_of_services(tree):
     at = tree.parent
     assert "services/arm.yaml" in rorg("services/arm", at=at).stdout
@@ -274,6 +277,7 @@ def test_what_the_first_of_two_profiles_says_is_not_undone_by_what_the_second_le
     assert "realtime" in str(found["container.ulimits.rtprio.soft"].source)
 
 
+@pytest.mark.slow
 def test_fields_are_explained_while_manifests_have_mistakes(tree):
     arm = tree / "services/arm.yaml"
     arm.write_text(arm.read_text() + "  bogus: 1\n")

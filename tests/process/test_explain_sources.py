@@ -15,6 +15,7 @@ from rorg.manifest.load import load_or_raise
 SERVICES = sorted(load_or_raise(ROOT / "manifests").services.keys() - {"developer"})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SERVICES)
 def test_explain_tells_the_source_of_every_value(name):
     found = json.loads(commands.rorg("explain", name, str(ROOT / "manifests"), "-o", "json", code=0).stdout)

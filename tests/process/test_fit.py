@@ -188,6 +188,7 @@ while True:
 """
 
 
+@pytest.mark.slow
 def test_a_real_robot_measures_and_writes(request, tmp_path):
     """The process engine; the minute goes by on the recorder's clock."""
     robot = RealRobot(tmp_path, "process", None, with_server=True)
@@ -274,6 +275,7 @@ def stand_in(port: int) -> dict:
     }
 
 
+@pytest.mark.slow
 def test_a_simulation_of_a_recorded_day_waits_as_long_as_the_day_did(request, tmp_path):
     robot = RealRobot(tmp_path, "process", None, with_server=True)
     request.addfinalizer(robot.close)

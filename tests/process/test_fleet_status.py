@@ -42,6 +42,7 @@ def status(robot: Computer, robots: dict[str, str], *words: str) -> subprocess.C
     return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60)
 
 
+@pytest.mark.slow
 def test_it_says_how_each_robot_is_and_which_ones_do_not_answer(robot):
     nobody = f"127.0.0.1:{free_port()}"
     robot.wait("camera")
@@ -58,6 +59,7 @@ def test_it_says_how_each_robot_is_and_which_ones_do_not_answer(robot):
     assert f"unreachable since {time.strftime('%Y-')}" in table
 
 
+@pytest.mark.slow
 def test_two_hundred_robots_take_less_than_three_seconds(robot):
     """All of them are one robot here, so its server works for 200."""
     robots = {f"robot{number}": robot.address for number in range(ROBOTS)}

@@ -135,6 +135,7 @@ def test_beside_a_running_rorg_nothing_else_is_read(robot, tmp_path):
         assert commands.rorg(*line, RORG_ADDRESS=robot.socket(), HOME=str(tmp_path)).stdout
 
 
+@pytest.mark.slow
 def test_a_robot_whose_loop_is_gone_says_so(tmp_path):
     found = RealRobot(tmp_path, "process", None, with_server=True)
     try:
@@ -236,6 +237,7 @@ def test_on_a_terminal_of_few_lines_the_head_stays_on_top(robot):
         assert "NAME" in lines[0]
 
 
+@pytest.mark.slow
 def test_without_any_good_manifests_none_are_said_to_be_in_force(tmp_path):
     robot = RorgProcess(tmp_path, {"lamp": {"always_on": True}})
     path = robot.tree / "services/lamp.yaml"

@@ -52,6 +52,7 @@ def told(robot: RorgProcess, kind: str) -> list[str]:
     return [event["message"] for event in robot.client().events(0) if event["kind"] == kind]
 
 
+@pytest.mark.slow
 def test_what_is_pushed_comes_into_force_and_what_is_wrong_does_not(robot):
     first = robot.origin.push("A robot")
     robot.start()
@@ -79,6 +80,7 @@ def test_what_is_pushed_comes_into_force_and_what_is_wrong_does_not(robot):
     assert robot.client().service("camera")["incarnation"] == run
 
 
+@pytest.mark.slow
 def test_a_commit_that_declares_the_same_is_in_force_too(robot):
     robot.origin.push("A robot")
     robot.start()
@@ -87,6 +89,7 @@ def test_a_commit_that_declares_the_same_is_in_force_too(robot):
     wait_for(lambda: robot.client().call("GET", "/v1/status")["tree"]["revision"] == made[:7])
 
 
+@pytest.mark.slow
 def test_without_its_repository_it_runs_what_it_has(robot):
     made = robot.origin.push("A robot")
     robot.start()
@@ -107,6 +110,7 @@ def test_without_its_repository_it_runs_what_it_has(robot):
     wait_for(lambda: told(robot, "git"))
 
 
+@pytest.mark.slow
 def test_where_nothing_is_here_yet_it_says_so_and_waits(robot):
     robot.start()
     wait_for(lambda: in_force(robot)["error"])
@@ -118,6 +122,7 @@ def test_where_nothing_is_here_yet_it_says_so_and_waits(robot):
     assert not robot.client().call("GET", "/v1/status")["tree"]["errors"]
 
 
+@pytest.mark.slow
 def test_apply_looks_at_once_and_edits_are_refused(robot):
     robot.origin.push("A robot")
     far = f"file://{robot.folder}/far.git"  # what is not there is not watched
@@ -136,6 +141,7 @@ def test_apply_looks_at_once_and_edits_are_refused(robot):
     assert "they are those of a repository" in rorg(robot, "edit", "arm", code=5)
 
 
+@pytest.mark.slow
 def test_only_what_is_committed_counts(tmp_path):
     robot = RorgProcess(tmp_path, {"camera": {}}, "--committed", "--poll", "1h")
     try:

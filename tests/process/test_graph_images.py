@@ -140,6 +140,7 @@ def test_edges_say_what_a_change_concerns(graph):
     assert ["fetch", "deploy", "2", "1", "2"] in rows
 
 
+@pytest.mark.slow
 def test_programs_get_names_parents_first_and_all_of_it_as_json_and_yaml(graph):
     assert graph("-o", "name").split() == ["maps", "deploy", "fetch", NAVIGATION]
     told = json.loads(graph("-o", "json"))

@@ -56,6 +56,7 @@ def kept() -> list[tuple[str, int]]:
     return found
 
 
+@pytest.mark.slow
 def test_what_comes_and_goes_leaves_nothing_in_memory(robot):
     for number, name in enumerate(NAMES):
         if number % 2:
@@ -94,6 +95,7 @@ def heaps_of_threads(pid: int) -> list[str]:
     ]
 
 
+@pytest.mark.slow
 def test_threads_have_no_heaps_of_their_own(tmp_path):
     """Each would keep what was freed in it: 13 MB in ten minutes of work on two cores, more on more."""
     running = RorgProcess(tmp_path, {"arm": {**CALM, "always_on": True}}).start()

@@ -11,6 +11,7 @@ from corpus_samples import WRITTEN
 EXIT_CODES = {"valid": 0, "invalid": 2, "refused": 2}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sample", WRITTEN[::12], ids=lambda sample: sample.name)
 def test_exit_code_0_means_that_validate_passes(sample, tmp_path):
     sample.write(tmp_path)

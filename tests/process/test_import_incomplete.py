@@ -6,9 +6,11 @@ import json
 import os
 
 import commands
+import pytest
 from incomplete_projects import UNSUPPORTED, of_units
 
 
+@pytest.mark.slow
 def test_what_cannot_be_carried_over_can_be_left_out(tmp_path):
     (tmp_path / "compose.yaml").write_text(UNSUPPORTED)
     refused = commands.run(["import", "compose"], dict(os.environ), tmp_path)
@@ -26,6 +28,7 @@ def test_what_cannot_be_carried_over_can_be_left_out(tmp_path):
     assert commands.run(["validate"], dict(os.environ), tmp_path).returncode == 0
 
 
+@pytest.mark.slow
 def test_an_import_that_does_not_validate_says_what_is_left_to_do(tmp_path):
     (tmp_path / "compose.yaml").write_text("services:\n  nav: {image: 'lab/nav:${TAG}'}\n")
     done = commands.run(["import", "compose"], dict(os.environ), tmp_path)

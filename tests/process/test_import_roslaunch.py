@@ -17,6 +17,7 @@ def test_a_shell_sees_the_same_word_except_for_what_it_finds_out(word):
     assert done.stdout == word.replace("$(find-exec sh)", done.stdout[: done.stdout.find("sh") + 2])
 
 
+@pytest.mark.slow
 def test_the_command_tells_ros_1_from_ros_2_or_asks(tmp_path):
     environment = {name: value for name, value in os.environ.items() if not name.startswith("RORG_")}
 

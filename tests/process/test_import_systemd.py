@@ -6,8 +6,10 @@ import json
 import os
 
 import commands
+import pytest
 
 
+@pytest.mark.slow
 def test_the_commands_write_once_and_only_what_is_whole(tmp_path):
     def rorg(line: str):
         return commands.run(line.split(), dict(os.environ), tmp_path)

@@ -49,6 +49,7 @@ def rorg(robot: RorgProcess, *words: str) -> str:
     return commands.rorg(*words, cwd=robot.folder, **environment(robot)).stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", [("hold", "arm", "--for", "10m", "--yes"), ("restart", "arm", "--yes")])
 def test_an_order_against_an_interlock_says_what_it_waits_for(robot, parked, words):
     parked.unlink()
@@ -58,12 +59,14 @@ def test_an_order_against_an_interlock_says_what_it_waits_for(robot, parked, wor
     assert "waits" not in rorg(robot, "hold", "base", "--for", "10m", "--yes"), "nor what waited before"
 
 
+@pytest.mark.slow
 def test_an_order_that_the_interlock_allows_says_nothing(robot):
     assert "waits" not in rorg(robot, "restart", "arm", "--yes")
     assert "waits" not in rorg(robot, "hold", "arm", "--for", "10m", "--yes")
     wait_for(lambda: robot.client().service("arm")["state"] != "running")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("serving", [True, False])
 def test_down_says_what_it_waits_for_and_goes_on_when_it_may(robot, parked, serving):
     if not serving:
@@ -90,6 +93,7 @@ def test_down_says_what_it_waits_for_and_goes_on_when_it_may(robot, parked, serv
         down.wait()
 
 
+@pytest.mark.slow
 def test_down_that_gives_up_says_why(robot, parked):
     parked.unlink()
     done = commands.rorg("down", "--yes", "--timeout", "2s", code=4, cwd=robot.folder, **environment(robot))

@@ -83,6 +83,7 @@ def killed_while_writing(path, after: int) -> int:
     return len(found)
 
 
+@pytest.mark.slow
 def test_nothing_that_was_written_is_lost_by_a_kill(path):
     dice, last = random.Random(14), 0
     for number in range(ROUNDS):
@@ -358,6 +359,7 @@ def robot(tmp_path):
     found.close()
 
 
+@pytest.mark.slow
 def test_the_journal_replayed_is_what_the_engine_shows(robot):
     robot.declare({"camera": {"idle": {"action": "remove"}}, "lidar": {}, "arm": {"always_on": True}})
     robot.request("camera", "lidar")
@@ -383,6 +385,7 @@ def test_the_journal_replayed_is_what_the_engine_shows(robot):
     assert not {name for name, state in states.items() if state == "running"} - there.keys()
 
 
+@pytest.mark.slow
 def test_a_pass_that_changes_nothing_writes_nothing(robot):
     robot.declare({"arm": {"always_on": True}, "camera": {}})
     robot.settle()
@@ -431,6 +434,7 @@ def test_lingering_goes_on_over_a_restart_of_rorg(robot):
     assert robot.active() == {"camera"}
 
 
+@pytest.mark.slow
 def test_revisions_are_written_down_with_what_became_of_them(robot):
     robot.declare({"arm": {"always_on": True, "container": {"environment": {"KEY": "hunter2"}}}})
     robot.settle()
@@ -484,6 +488,7 @@ def test_numbers_go_on_over_a_restart(path):
     assert [(e["seq"], e["message"]) for e in entries(path)] == [(1, "0"), (2, "1"), (3, "2")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", [("describe", "base"), ("events",), ("events", "-o", "json")])
 def test_commands_say_why_they_cannot_read_it(shell, command):  # noqa: F811
     shell("apply", str(shell.tree), "--yes")

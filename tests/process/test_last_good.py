@@ -30,6 +30,7 @@ def spoil(robot: RorgProcess) -> str:
     return text
 
 
+@pytest.mark.slow
 def test_a_robot_that_begins_beside_a_mistake_has_what_was_in_force(robot):
     client = robot.client(patience=30)
     client.wait("arm", timeout=30)
@@ -55,6 +56,7 @@ def test_a_robot_that_begins_beside_a_mistake_has_what_was_in_force(robot):
     assert client.service("leg")["health"] == "Healthy"
 
 
+@pytest.mark.slow
 def test_what_another_version_wrote_is_left_alone(robot):
     robot.client(patience=30).wait("arm", timeout=30)
     robot.stop(kill=True)

@@ -127,6 +127,7 @@ def lines() -> st.SearchStrategy[tuple[str, list[str]]]:
     return st.sampled_from(COMMANDS).flatmap(of)
 
 
+@pytest.mark.slow
 @settings(max_examples=400, deadline=None)
 @given(lines(), st.dictionaries(st.sampled_from(VARIABLES), st.sampled_from(["", "/x", "docker"])))
 def test_any_line_is_taken_or_refused_with_a_remedy(line, environment):
@@ -161,6 +162,7 @@ def test_help_shows_units():
     assert "0<=x<=100" in said
 
 
+@pytest.mark.slow
 def test_shared_options_are_explained_once():
     said = commands.rorg("help", "options").stdout
     assert {word for word in said.split() if word.startswith("--")} == set(SHARED)

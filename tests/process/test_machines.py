@@ -35,6 +35,7 @@ def both(team: Team) -> tuple[Computer, Computer]:
     return team.computers["base"], team.computers["jetson"]
 
 
+@pytest.mark.slow
 def test_a_request_reaches_the_other_computer_and_its_release_too(team):
     base, jetson = both(team)
     base.ask("t1", "tour")
@@ -78,6 +79,7 @@ def test_a_request_reaches_the_other_computer_and_its_release_too(team):
     assert ended() == ["localization", "camera"], "dependants first"
 
 
+@pytest.mark.slow
 def test_one_computer_shows_what_the_other_one_knows(team):
     base, jetson = both(team)
     base.ask("t1", "tour")
@@ -115,6 +117,7 @@ def test_one_computer_shows_what_the_other_one_knows(team):
     assert "cannot ask jetson" in done.stderr
 
 
+@pytest.mark.slow
 def test_a_lost_computer_is_told_before_its_lease_ends_and_nothing_is_stopped_by_the_link(team):
     base, jetson = both(team)
     base.ask("t1", "tour")
@@ -135,6 +138,7 @@ def test_a_lost_computer_is_told_before_its_lease_ends_and_nothing_is_stopped_by
     assert lost[-1]["cause"] in ("unreachable", "unready")
 
 
+@pytest.mark.slow
 def test_what_a_silent_computer_runs_is_unknown_and_what_needs_it_waits(team):
     base, jetson = both(team)
     base.ask("t1", "tour")
@@ -162,6 +166,7 @@ def test_what_a_silent_computer_runs_is_unknown_and_what_needs_it_waits(team):
     assert jetson.services()["localization"]["incarnation"] == run, "rorg's restart stops nothing"
 
 
+@pytest.mark.slow
 def test_a_restart_of_the_requester_keeps_what_it_asked_for(team):
     base, jetson = both(team)
     base.ask("t1", "tour")
@@ -173,6 +178,7 @@ def test_a_restart_of_the_requester_keeps_what_it_asked_for(team):
     assert jetson.services()["localization"]["incarnation"] == run
 
 
+@pytest.mark.slow
 def test_a_computer_with_a_new_state_directory_is_heard_again(team):
     """The others remember an rorg of it with a higher number, and refuse what is older."""
     base, jetson = both(team)
@@ -188,6 +194,7 @@ def test_a_computer_with_a_new_state_directory_is_heard_again(team):
     assert any("jetson knows a later rorg of base" in e["message"] for e in base.events("superseded"))
 
 
+@pytest.mark.slow
 def test_a_service_moves_by_a_change_of_the_manifest_and_never_runs_twice(team):
     base, jetson = both(team)
     base.ask("t1", "tour")
@@ -214,6 +221,7 @@ def test_a_service_moves_by_a_change_of_the_manifest_and_never_runs_twice(team):
     assert all(one[1] <= other[0] for one, other in itertools.pairwise(spans)), spans
 
 
+@pytest.mark.slow
 def test_a_moved_service_waits_for_its_former_computer_or_a_person(tmp_path):
     team = Team(tmp_path, TOUR)
     base, jetson = both(team)
@@ -240,6 +248,7 @@ def test_a_moved_service_waits_for_its_former_computer_or_a_person(tmp_path):
         team.down()
 
 
+@pytest.mark.slow
 def test_a_computer_is_taken_down_although_services_of_another_one_need_what_it_runs(team):
     """A person's word ends its leases, and the other computer is told what it has lost."""
     base, jetson = both(team)
@@ -255,6 +264,7 @@ def test_a_computer_is_taken_down_although_services_of_another_one_need_what_it_
     assert jetson.ready("camera")
 
 
+@pytest.mark.slow
 def test_a_service_restarts_with_one_that_it_needs_on_another_computer(team):
     """As ROS nodes must with the master."""
     base, jetson = both(team)
@@ -270,6 +280,7 @@ def test_a_service_restarts_with_one_that_it_needs_on_another_computer(team):
     wait_for(lambda: base.client.plan()["actions"] == [], 20, "nothing more to do")
 
 
+@pytest.mark.slow
 def test_a_certificate_says_which_computer_may_speak(team):
     base, jetson = both(team)
 

@@ -154,6 +154,7 @@ def test_a_failed_change_is_told_as_quarantined_and_failed(robot, receiver):
     assert "camera" in event["message"]
 
 
+@pytest.mark.slow
 def test_targets_come_change_and_go_while_rorg_runs(robot, receiver):
     first, second = receiver(), receiver()
     robot.declare(CAMERA)
@@ -178,6 +179,7 @@ def test_targets_come_change_and_go_while_rorg_runs(robot, receiver):
     wait_for(lambda: not {t.name for t in threading.enumerate() if t.name.startswith("notify-")}, 5, f"{names} end")
 
 
+@pytest.mark.slow
 def test_a_receiver_that_hangs_or_fails_delays_nobody_and_is_told_once(robot, receiver):
     hanging, failing, good = receiver(None), receiver(500), receiver()
     refusing = f"http://127.0.0.1:{free_port()}/hook-s3cr3t"

@@ -127,6 +127,7 @@ def twice(tmp_path_factory):
         found.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("line", COMMANDS, ids=lambda line: line[:60])
 def test_a_command_does_the_same_with_a_running_rorg_and_without(twice, line):
     _, served, alone = twice

@@ -31,6 +31,7 @@ def holds(found: object, expected: object) -> bool:
     return isinstance(found, expected) if isinstance(expected, type) else found == expected
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("line", LINES)
 def test_all_forms(robot, line):  # noqa: F811
     names, keys = LINES[line]
@@ -58,6 +59,7 @@ def test_events_in_all_forms(robot):  # noqa: F811
     assert "base" in rorg(robot, "events", "-o", "wide").stdout
 
 
+@pytest.mark.slow
 def test_built_images_in_all_forms(robot):  # noqa: F811
     line = ["build", "--manifests", str(robot.tree)]
     told = json.loads(rorg(robot, *line, "-o", "json").stdout)
@@ -67,6 +69,7 @@ def test_built_images_in_all_forms(robot):  # noqa: F811
     assert rorg(robot, *line).stdout == ""
 
 
+@pytest.mark.slow
 def test_mistakes_are_listed_in_all_forms(robot):  # noqa: F811
     write_tree(robot.tree, {**SERVICES, "base": {"nonsense": 1}}, groups=GROUPS)
     told = json.loads(rorg(robot, "validate", str(robot.tree), "-o", "json", code=2).stdout)

@@ -190,6 +190,7 @@ def robot(tmp_path, monkeypatch):
     found.close()
 
 
+@pytest.mark.slow
 def test_commands_take_the_robot_by_name_and_by_variable(robot):
     at = str(robot.tree)
     assert "arm" not in rorg(robot, "diff", at, code=1).stdout
@@ -224,6 +225,7 @@ def test_validate_checks_the_base_and_every_robot_and_tells_each_error_once(robo
     assert "'arm'" not in rorg(robot, "validate", str(robot.tree), "--robot", "emil", code=2).stderr
 
 
+@pytest.mark.slow
 def test_a_running_rorg_says_whose_overlay_counts_and_another_one_is_compared_without_it(robot, monkeypatch):
     monkeypatch.setattr(os, "uname", lambda: type("Machine", (), {"nodename": "nora.example.org"}))
     robot.start()

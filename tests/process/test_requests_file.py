@@ -340,6 +340,7 @@ TEXTS = st.one_of(
 )
 
 
+@pytest.mark.slow
 @given(
     st.lists(
         st.builds(

@@ -54,6 +54,7 @@ def hung_up(connection: socket.socket) -> bool:
 # -- sockets of services ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_link_in_the_place_of_a_socket_is_replaced_and_not_followed(robot, tmp_path):
     """A program in a container could put one there, if its mount let it."""
     secret = tmp_path / "secret"
@@ -70,6 +71,7 @@ def test_a_link_in_the_place_of_a_socket_is_replaced_and_not_followed(robot, tmp
     robot.client("alpha", patience=5).services()
 
 
+@pytest.mark.slow
 def test_a_service_that_spoils_its_directory_has_no_socket_and_the_others_have(robot, monkeypatch):
     monkeypatch.setattr("rorg.api.sockets.RETRY", 0.1)
     place = robot.state.run / "services/alpha/rorg.sock"
@@ -84,6 +86,7 @@ def test_a_service_that_spoils_its_directory_has_no_socket_and_the_others_have(r
     robot.client("alpha", patience=5).services()
 
 
+@pytest.mark.slow
 def test_sockets_that_somebody_removed_come_back(robot, monkeypatch):
     monkeypatch.setattr("rorg.api.server.RESTORE", 0.1)
     robot.stop()
@@ -104,6 +107,7 @@ def test_sockets_that_somebody_removed_come_back(robot, monkeypatch):
     assert [line for line in robot.lines if "had been removed, and was made again" in line]
 
 
+@pytest.mark.slow
 def test_a_service_cannot_take_the_room_of_others(robot):
     """It may have so many connections; waits that nobody waits for any more end."""
     monkey = [connect(robot, "alpha") for _ in range(rorg.api.limits.MOST_OF_ONE)]
@@ -120,6 +124,7 @@ def test_a_service_cannot_take_the_room_of_others(robot):
     robot.client("alpha").services()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("service", ["", "alpha"])
 def test_a_caller_with_idle_connections_gets_a_new_one(robot, service, monkeypatch):
     """In place of the one that has asked nothing for longest: those that are answered stay."""
@@ -145,6 +150,7 @@ def test_who_follows_events_and_hangs_up_is_forgotten(robot):
     wait_for(lambda: not robot.server.uvicorn.server_state.tasks)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "said",
     [
@@ -164,6 +170,7 @@ def test_who_asks_nothing_or_half_of_something_is_hung_up_on(robot, monkeypatch,
         pass
 
 
+@pytest.mark.slow
 def test_who_waits_for_an_answer_is_not(robot, monkeypatch):
     monkeypatch.setattr(rorg.api.limits, "IDLE", 0.2)
     began = time.monotonic()
@@ -211,6 +218,7 @@ def test_who_does_not_listen_to_us_ends_nothing(robot, monkeypatch):
     robot.wait(lambda: robot.active() == set())
 
 
+@pytest.mark.slow
 def test_a_port_that_is_taken_is_told_at_once(tmp_path):
     root = write_tree(tmp_path / "tree", TREE)
     names = {k: tmp_path / k for k in ("key", "cert")}
@@ -269,6 +277,7 @@ def base(client: Client, name: str) -> str:
     return next(m["digest"] for m in client.manifests() if m["name"] == name)
 
 
+@pytest.mark.slow
 def test_a_commit_that_takes_too_long_leaves_no_lock_behind(repository, monkeypatch):
     monkeypatch.setattr(rorg.host.git, "COMMIT_PATIENCE", 0.5)
     hook = repository.tree / ".git/hooks/pre-commit"
@@ -281,6 +290,7 @@ def test_a_commit_that_takes_too_long_leaves_no_lock_behind(repository, monkeypa
     wait_for(lambda: client.service("lidar")["effective_priority"] == 70)
 
 
+@pytest.mark.slow
 def test_a_lock_that_a_killed_git_left_behind_does_not_hide_the_tree_for_ever(repository):
     lock = repository.tree / ".git/index.lock"
     lock.touch()
@@ -311,6 +321,7 @@ def test_digests_are_of_bytes(robot):
     assert "name: camera" in client.manifest("Service", "camera")
 
 
+@pytest.mark.slow
 def test_a_text_that_is_nested_without_end_is_refused(robot):
     with pytest.raises(Invalid, match="nested more than"):
         robot.client().put_manifest("Service", "lidar", "[" * 40000, base(robot.client(), "lidar"))
@@ -333,6 +344,7 @@ def test_a_cancelled_request_is_released(robot):
     wait_for(lambda: not robot.client().requests())
 
 
+@pytest.mark.slow
 def test_a_release_that_failed_can_be_repeated(robot):
     client = robot.client(patience=0.2)
     request = client.request("camera", ttl=None)
@@ -355,6 +367,7 @@ def test_a_connection_that_was_closed_meanwhile_is_no_failure(robot):
     client.services()
 
 
+@pytest.mark.slow
 def test_a_beat_that_is_not_answered_delays_no_release(robot):
     with socket.socket(socket.AF_UNIX) as deaf:
         request = robot.client(timeout=0.5, patience=0.5).request("camera", ttl=3.0)
@@ -372,6 +385,7 @@ def test_a_beat_that_is_not_answered_delays_no_release(robot):
     robot.start()
 
 
+@pytest.mark.slow
 def test_a_follower_misses_nothing_over_a_restart_though_it_has_seen_nothing_yet(robot):
     robot.settle()
     seen: list[dict] = []
@@ -386,6 +400,7 @@ def test_a_follower_misses_nothing_over_a_restart_though_it_has_seen_nothing_yet
         wait_for(lambda: [e["seq"] for e in seen][: last - at] == list(range(at + 1, last + 1)))
 
 
+@pytest.mark.slow
 def test_a_child_does_not_read_its_parents_answers(robot):
     code = f"""
 import os

@@ -51,6 +51,7 @@ def simulate(robot, *words: str, code: int = 0):
     return done
 
 
+@pytest.mark.slow
 def test_both_runs_in_figures(robot):
     found = json.loads(simulate(robot, "visit.yaml", "-o", "json").stdout)
     base, rorg = found["runs"]
@@ -64,6 +65,7 @@ def test_both_runs_in_figures(robot):
     assert [line.split()[0] for line in table] == ["RUN", "all-on", "rorg"]
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_bytes(robot):
     def told(seed: str) -> str:
         line = ["visit.yaml", "--workload", "spread.yaml", "--seed", seed, "-o", "json", "--csv", "series.csv"]
@@ -73,6 +75,7 @@ def test_the_same_seed_gives_the_same_bytes(robot):
     assert told("3") != told("4")
 
 
+@pytest.mark.slow
 def test_what_is_learnt_of_another_trace_is_prewarmed(robot):
     """Six visits, a minute each, with a minute between: too few to learn them as they come."""
     times = [(n * 120 + later, state) for n in range(6) for later, state in ((1, "rest"), (61, "look"))]
@@ -90,6 +93,7 @@ def test_what_is_learnt_of_another_trace_is_prewarmed(robot):
     assert known["median"] == 0.0
 
 
+@pytest.mark.slow
 def test_series_and_picture(robot):
     simulate(robot, "visit.yaml", "--every", "2s", "--csv", "series.csv", "--plot", "visit.svg")
     with (robot / "series.csv").open() as file:
@@ -101,6 +105,7 @@ def test_series_and_picture(robot):
     assert all(word in picture for word in ("all-on", "rorg", "look", "synthetic weights"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("file", "old", "new", "said"),
     [

@@ -10,6 +10,7 @@ from busy_services import SERVICES
 from robots import write_tree
 
 
+@pytest.mark.slow
 def test_the_command_tells_how_short_the_cpu_was(tmp_path):
     write_tree(tmp_path / "tree", SERVICES)
     spec = "{duration: 20s, events: [{at: 0s, request: burn, services: [burner]}]}"

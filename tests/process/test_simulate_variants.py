@@ -36,6 +36,7 @@ def simulate(folder, *words: str, code: int = 0):
     return commands.rorg(*line, code=code, RORG_STATE_DIR=str(folder / "state"))
 
 
+@pytest.mark.slow
 def test_variants_are_compared_with_all_on_and_with_the_tree_as_it_is(folder):
     found = json.loads(simulate(folder, "--compare", "linger=1m", "--compare", "soft=idle=pause", "-o", "json").stdout)
     by_name = {one["run"]: one for one in found}
@@ -55,6 +56,7 @@ def test_variants_are_compared_with_all_on_and_with_the_tree_as_it_is(folder):
     ]
 
 
+@pytest.mark.slow
 def test_a_sweep_is_a_table_a_csv_and_a_picture(folder):
     swept = simulate(
         folder, *("--sweep", "linger=0s,1m", "--sweep", "idle=pause,stop"),

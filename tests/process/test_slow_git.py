@@ -45,6 +45,7 @@ def test_no_answer_is_not_taken_for_no_repository(tree, monkeypatch):
         top_of(tree)
 
 
+@pytest.mark.slow
 def test_a_tree_whose_status_is_not_known_counts_as_changed(tree):
     """git asks a filter of the repository about a file whose time has changed, and that takes too long."""
     assert not revision(tree).endswith("+")

@@ -116,6 +116,7 @@ def test_a_tour_of_requests_stops_instead_of_pausing(robot):
     assert not [line for line in robot.log() if "failed" in line]
 
 
+@pytest.mark.slow
 def test_a_changed_service_is_replaced_without_another_name(robot):
     robot.declare({"camera": {"always_on": True}})
     robot.wait(lambda: robot.active() == {"camera"})
@@ -138,6 +139,7 @@ def test_a_change_that_does_not_come_up_goes_back(robot):
     robot.wait(lambda: robot.active() == {"camera"} and robot.container("camera").id == before)
 
 
+@pytest.mark.slow
 def test_a_limit_that_it_ignores_makes_no_containers_without_end(robot):
     """As rootless Podman does on control groups of version 1."""
     robot.engine.ignored = frozenset(("pids_limit",))

@@ -155,6 +155,7 @@ def test_request_and_release(robot, terminal):
     terminal.shows("no request that can be released")
 
 
+@pytest.mark.slow
 def test_a_restart_asks_and_a_driver_asks_twice(robot, terminal):
     run = robot.client().service("arm")["incarnation"]
     terminal.press("/arm\rr")
@@ -167,6 +168,7 @@ def test_a_restart_asks_and_a_driver_asks_twice(robot, terminal):
     wait_for(lambda: robot.client().service("arm")["incarnation"] not in (run, ""))
 
 
+@pytest.mark.slow
 def test_logs_have_the_terminal_until_ctrl_c(terminal):
     terminal.press("/base\rl")
     wait_for(terminal.given_back)
@@ -183,6 +185,7 @@ def _shows_logs(process: psutil.Process) -> bool:
     return "logs" in process.cmdline() and bool(int(caught[1], 16) >> (signal.SIGINT - 1) & 1)
 
 
+@pytest.mark.slow
 def test_ctrl_z_gives_the_terminal_back_and_goes_on(terminal):
     terminal.press("\x1a")
     wait_for(lambda: psutil.Process(terminal.process.pid).status() == psutil.STATUS_STOPPED)
@@ -195,6 +198,7 @@ def test_ctrl_z_gives_the_terminal_back_and_goes_on(terminal):
     wait_for(terminal.given_back)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
 def test_a_signal_gives_the_terminal_back(terminal, number, code):
     terminal.process.send_signal(number)
@@ -202,6 +206,7 @@ def test_a_signal_gives_the_terminal_back(terminal, number, code):
     wait_for(terminal.given_back)
 
 
+@pytest.mark.slow
 def test_it_goes_on_while_rorg_is_gone(robot, terminal):
     robot.stop()
     terminal.shows("cannot")
@@ -219,6 +224,7 @@ def test_sixty_columns_show_whole_names(robot):
         terminal.close()
 
 
+@pytest.mark.slow
 def test_piped_it_prints_once_with_numbers_as_json(robot):
     def top(*words: str) -> str:
         return commands.rorg("top", *words, RORG_STATE_DIR=str(robot.state.path)).stdout

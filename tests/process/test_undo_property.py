@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
 
+import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -202,6 +203,7 @@ def take(world: World, verb: str, *of) -> None:
         world.take_over()
 
 
+@pytest.mark.slow
 @given(STEPS)
 @settings(max_examples=int(os.environ.get("RORG_TEST_EXAMPLES") or 60), suppress_health_check=[HealthCheck.too_slow])
 def test_what_history_says_is_so_and_a_rollback_leads_to_what_was_proven(steps):

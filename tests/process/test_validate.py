@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+import pytest
 from commands import rorg
 from finding_cases import build
 from robots import RealRobot
@@ -11,6 +12,7 @@ from robots import RealRobot
 from rorg.errors import advice
 
 
+@pytest.mark.slow
 def test_hints_are_shown_on_request(tmp_path):
     tree = build(tmp_path, {"net": "image: net:1\ncontainer: {tty: true}\n"})
     assert rorg("validate", ".", cwd=tree).stderr == "ok: 1 service\n"
@@ -20,6 +22,7 @@ def test_hints_are_shown_on_request(tmp_path):
     assert run["results"][0]["level"] == run["tool"]["driver"]["rules"][0]["defaultConfiguration"]["level"] == "note"
 
 
+@pytest.mark.slow
 def test_json_and_sarif_tell_code_place_and_remedy(tmp_path):
     tree = build(
         tmp_path, {"arm": "image: arm:1\ncontainer: {privileged: true}\n", "base": "image: base:1\nimage: b:1\n"}
@@ -39,6 +42,7 @@ def test_json_and_sarif_tell_code_place_and_remedy(tmp_path):
     assert result["message"]["text"] == f"{found['message']}{advice(found['remedy'])}"
 
 
+@pytest.mark.slow
 def test_diff_tells_warnings_with_and_without_a_running_rorg(tmp_path):
     """On standard error: what is to be done alone is data."""
     robot = RealRobot(tmp_path, "process", None, with_server=True)

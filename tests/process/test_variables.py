@@ -268,6 +268,7 @@ def test_long_forms_and_short_ones_are_one_configuration(tmp_path):
     assert specs[0] == specs[1]
 
 
+@pytest.mark.slow
 def test_a_large_file_costs_no_more_a_line_than_a_small_one():
     """Whoever may commit to the tree shall not hold up the loop."""
 

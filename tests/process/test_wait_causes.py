@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 
+import pytest
 from commands import rorg
 from robots import RealRobot
 
@@ -22,6 +23,7 @@ def all_rest(view) -> bool:
 BAD = {f"s{i:02}": {"always_on": True, "command": ["/no/such/program"]} for i in range(12)}
 
 
+@pytest.mark.slow
 def test_commands_that_wait_tell_it_once(tmp_path):
     """The process engine refuses every service for one reason."""
     robot = RealRobot(tmp_path, "process", None, with_server=True)

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import pytest
 from cli_shell import shell  # noqa: F401
 from common import wait_for
 from robots import write_tree
@@ -18,6 +19,7 @@ def why(shell, name: str) -> list[str]:
     return [line.strip() for line in shell("why", name).stdout.splitlines()]
 
 
+@pytest.mark.slow
 def test_a_held_service_is_not_restarted_because_it_is_held(shell):
     begin(shell, arm={})
     shell("request", "arm", "--wait")
@@ -27,6 +29,7 @@ def test_a_held_service_is_not_restarted_because_it_is_held(shell):
     assert "`rorg hold arm --end`" in said
 
 
+@pytest.mark.slow
 def test_what_a_suspension_keeps_from_starting_says_so(shell):
     begin(shell, arm={})
     shell("suspend", "--for", "10m", "--reason", "lunch")
@@ -40,12 +43,14 @@ def test_what_a_suspension_keeps_from_starting_says_so(shell):
     shell("wait", "arm")
 
 
+@pytest.mark.slow
 def test_a_task_that_is_done_has_completed(shell):
     begin(shell, job={"restart": "never", "command": ["true"]})
     shell("request", "job", "--wait")
     assert why(shell, "job")[0] == "job has completed, and is wanted:"
 
 
+@pytest.mark.slow
 def test_what_lingers_says_so_once(shell):
     begin(shell, arm={"idle": {"linger": "10m"}})
     shell("request", "arm", "--wait")
@@ -54,6 +59,7 @@ def test_what_lingers_says_so_once(shell):
     assert why(shell, "arm")[1].startswith("it lingers for ")
 
 
+@pytest.mark.slow
 def test_a_program_that_ends_again_and_again_is_not_said_to_fail_to_start(shell):
     begin(shell, arm={"command": ["sh", "-c", "exit 7"]})
     shell("request", "arm")

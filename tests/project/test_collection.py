@@ -9,6 +9,7 @@ import pytest
 from common import ROOT
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("folder", ["tests/bench", "tests/assurance/vm"])
 def test_the_long_tests_can_be_imported(folder):
     words = [sys.executable, "-m", "pytest", "--collect-only", "-q", "-o", "norecursedirs=x", folder]

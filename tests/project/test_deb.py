@@ -205,6 +205,7 @@ def manual_page() -> str:
     return subprocess.check_output([sys.executable, ROOT / "docs/reference/man.py"], text=True)
 
 
+@pytest.mark.slow
 def test_the_manual_page_has_every_command():
     from rorg.cli.commands import COMMANDS
 
@@ -215,6 +216,7 @@ def test_the_manual_page_has_every_command():
     )
 
 
+@pytest.mark.slow
 def test_the_manual_page_is_what_man_takes_without_a_complaint():
     done = subprocess.run(
         [tool("groff"), "-man", "-ww", "-Tascii", "-P-cbu"],

@@ -44,6 +44,7 @@ def imports() -> Iterator[tuple[Path, str]]:
                 yield path, (node.module or "").partition(".")[0]
 
 
+@pytest.mark.slow
 def test_what_is_imported_is_declared():
     providers = packages_distributions()
     third = {(path, name) for path, name in imports() if name not in OWN | sys.stdlib_module_names}
@@ -113,6 +114,7 @@ def test_what_pinned_packages_need_is_pinned():
                 assert requirement.specifier.contains(pins[needed][0]), f"{name} needs {requirement}"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("minor", "missing"), [(11, ""), (12, "thing==1.0")])
 def test_a_release_without_a_wheel_for_arm64_is_named(minor, missing, tmp_path, monkeypatch):
     """pip itself asks, in a folder in place of the package index."""

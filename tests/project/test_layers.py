@@ -106,6 +106,7 @@ def test_a_room_imports_only_rooms_below_it(room):
         assert not wrong, f"{room} stands below what it imports"
 
 
+@pytest.mark.slow
 def test_no_file_imports_itself_by_way_of_others():
     """Imports inside functions count, and those for types: a value that two files share stands in the lower one."""
     graph = {module: {i.module for i in of_rorg(path)} - {module} for module, path in MODULES.items()}
@@ -141,6 +142,7 @@ print(*{{name.partition(".")[0] for name in set(sys.modules) - before}})"""
     return set(found.stdout.split()) - {"rorg"} - set(sys.stdlib_module_names)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("room", ROOMS)
 def test_the_packages_that_a_room_loads(room):
     found = loaded(*(module_of(path) for path in files(f"rorg/{room}")))
@@ -200,11 +202,13 @@ def functions() -> Iterator[tuple[str, ast.FunctionDef | ast.AsyncFunctionDef]]:
                 yield f"{path.relative_to(TOP)}: {node.name}", node
 
 
+@pytest.mark.slow
 def test_functions_are_short():
     long = {name for name, node in functions() if node.end_lineno - node.lineno >= MOST_OF_A_FUNCTION}
     assert not long, "do they do one thing?"
 
 
+@pytest.mark.slow
 def test_functions_take_few_parameters_by_position():
     many = {name for name, node in functions() if len(node.args.posonlyargs + node.args.args) > MOST_BY_POSITION}
     assert not many, "who can tell them apart where they are called?"

@@ -25,6 +25,7 @@ def reached(module: str) -> set[str]:
     return found
 
 
+@pytest.mark.slow
 def test_both_reach_the_same_planner():
     planner = reached("rorg.core.decide")
     assert len(planner) > 20, "is anything found?"
@@ -57,6 +58,7 @@ def names(path: Path) -> set[str]:
     return found | {n.attr for n in ast.walk(tree) if isinstance(n, ast.Attribute)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("room", ["core", "model", "daemon", "engines", "probes", "host", "store", "history"])
 def test_nobody_below_asks_whether_it_is_simulated(room):
     for path in files(f"rorg/{room}"):
@@ -65,6 +67,7 @@ def test_nobody_below_asks_whether_it_is_simulated(room):
         assert not {i.module for i in read_imports(path) if i.module.startswith("rorg.tools.sim")}, path
 
 
+@pytest.mark.slow
 def test_no_branch_is_on_the_name_of_the_sim_engine():
     for path in files():
         if path.parent.name != "sim":

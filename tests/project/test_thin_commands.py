@@ -16,6 +16,7 @@ from thin_commands import GROUPS, SERVICES, heavy, imported, robot, rorg  # noqa
 from rorg.cli.commands import COMMANDS, command_of
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "line",
     [
@@ -74,6 +75,7 @@ def test_only_the_command_that_is_called_is_imported(robot, line, environment, m
 # -- diff and apply --------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_diff_shows_drift_and_changes_at_once(robot):  # noqa: F811
     assert rorg(robot, "diff").stdout == "No differences.\n"
     rorg(robot, "suspend", "--for", "10m")
@@ -92,12 +94,14 @@ def test_diff_and_apply_tell_what_is_wrong_with_the_tree(robot):  # noqa: F811
         assert "rorg validate" in said, said
 
 
+@pytest.mark.slow
 def test_diff_of_another_tree_is_computed_here(robot, tmp_path):  # noqa: F811
     other = write_tree(tmp_path / "other", {"camera": {}})
     assert "camera" in rorg(robot, "diff", str(other), code=1).stdout
     assert "owns this robot" in rorg(robot, "apply", str(other), "--yes", code=5).stderr
 
 
+@pytest.mark.slow
 def test_diff_says_the_same_as_without_a_running_rorg(robot):  # noqa: F811
     rorg(robot, "suspend", "--for", "10m")
     rorg(robot, "request", "driving")

@@ -21,6 +21,7 @@ SEED = 1
 NEED = World(specs_of((("needs", "1", "0"),), 2), "needs")
 
 
+@pytest.mark.slow
 def test_the_worlds_within_the_bound_keep_every_promise(capsys):
     def say(line: str) -> None:
         with capsys.disabled():
@@ -65,6 +66,7 @@ def decisions() -> str:
     return f"{tally.passes} {tally.decisions.hexdigest()}"
 
 
+@pytest.mark.slow
 def test_a_seeded_run_repeats_bit_for_bit():
     program = "from bounded.test_bounded_worlds import decisions; print(decisions())"
     paths = os.pathsep.join(map(str, (ASSURANCE, SUPPORT, ROOT, ROOT / "clients/python")))

@@ -23,6 +23,7 @@ def seed(request: pytest.FixtureRequest) -> str:
     return os.environ.get("RORG_TEST_WALKS_SEED") or drawn
 
 
+@pytest.mark.slow
 def test_random_walks_keep_every_promise(seed, capsys):
     tally = Tally()
 

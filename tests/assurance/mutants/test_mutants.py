@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 
+import pytest
 from common import ASSURANCE, ROOT, SUPPORT
 from mutants.hunt import equivalents, key_of
 from mutants.operators import Mutant, mutants_of
@@ -90,6 +91,7 @@ def test_each_mutant_that_is_called_equivalent_exists():
     assert not [key for key in equivalents() if key not in mutants]
 
 
+@pytest.mark.slow
 def test_a_mutant_is_killed_survives_or_hangs():
     """Of code, of a constant of a module, of the default of a field; unseen by these tests; and one without an end."""
     found = {

@@ -24,6 +24,7 @@ def last_answer(player: Player) -> list[tuple[int, str]]:
     return [(number, SIDES[-1]) for number in numbers[-1:]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", range(DRAWN))
 def test_nothing_is_lost_at_any_point(number, tmp_path, request):
     seed = request.config.getoption("hypothesis_seed")
@@ -50,6 +51,7 @@ FOUND = {
 """Points at which there was a violation: right after this effect of this scenario."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("found", FOUND)
 def test_what_was_found_stays_mended(found, tmp_path):
     name, effect = FOUND[found]

@@ -21,6 +21,7 @@ ENOUGH = 300
 """Schedules in which a rule without its code must be broken."""
 
 
+@pytest.mark.slow
 def test_no_rule_is_broken_in_random_schedules():
     events = 0
     for seed in range(COUNT):
@@ -134,6 +135,7 @@ CODE: dict[str, list[Callable[[pytest.MonkeyPatch], None]]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("rule", "change"), [(rule, change) for rule, changes in CODE.items() for change in changes])
 def test_a_rule_without_its_code_is_broken(rule, change, monkeypatch):
     change(monkeypatch)

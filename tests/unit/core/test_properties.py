@@ -193,6 +193,7 @@ EVENTS = st.lists(
 )
 
 
+@pytest.mark.slow
 @WHOLE
 @given(services(), POLICIES, EVENTS)
 def test_every_robot_comes_to_rest_as_asked(specs, policy, events):
@@ -229,6 +230,7 @@ CHANGES = st.lists(
 )
 
 
+@pytest.mark.slow
 @HALF
 @given(services(), CHANGES)
 def test_a_bad_change_never_ends_what_ran(specs, events):
@@ -258,12 +260,14 @@ TURNS = st.lists(
 )
 
 
+@pytest.mark.slow
 @HALF
 @given(services(), USES, TURNS)
 def test_networks_come_and_go_with_who_uses_them(specs, uses, events):
     live_through({n: specs[n] for n in NAMES[:3]}, {}, events, dict(zip(NAMES[:3], uses, strict=True)))
 
 
+@pytest.mark.slow
 @HALF
 @given(services(), st.sampled_from(["network_mode", "pid", "volumes_from"]), CHANGES)
 def test_what_is_joined_follows_what_it_joins(specs, option, events):
@@ -272,6 +276,7 @@ def test_what_is_joined_follows_what_it_joins(specs, option, events):
     live_through({NAMES[0]: first, NAMES[1]: second}, {}, events)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", sorted(ROBOTS.glob("*.json")), ids=lambda path: path.stem)
 def test_a_robot_that_failed_once_does_not_again(case):
     found = json.loads(case.read_text())
@@ -330,6 +335,7 @@ def planned(folder: Path, count: int) -> int:
     return sum(costs)
 
 
+@pytest.mark.slow
 def test_services_that_wait_for_their_next_try_cost_little(tmp_path):
     """They are planned when their try is due."""
     count, costs = 40, []
@@ -351,6 +357,7 @@ FOLLOWING = st.lists(
 LEARNED = st.fixed_dictionaries({names: FOLLOWING for names in [(), *((name,) for name in NAMES)]})
 
 
+@pytest.mark.slow
 @WHOLE
 @given(services(), POLICIES, EVENTS, LEARNED, st.sets(st.sampled_from(NAMES), min_size=5))
 def test_what_is_prewarmed_is_in_nobodys_way(specs, policy, events, departures, warm):

@@ -83,6 +83,7 @@ def test_what_does_not_answer_its_live_probe_within_its_bake_is_undone(virtual):
     assert "did not answer" in virtual.waits("nav")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("before", [{}, {"live": {"tcp": 2}}], ids=["none before", "another before"])
 def test_a_new_live_probe_ends_nothing_before_it_has_held(virtual, before):
     """It may be wrong, and the program is fine."""
@@ -228,6 +229,7 @@ def test_of_a_set_all_go_back_where_one_fails_and_all_are_tried_with_its_mend(vi
     assert len(virtual.containers()) == 4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bad", [False, True])
 def test_a_kill_of_rorg_at_any_moment_of_a_sets_change(virtual, bad):
     """rorg is killed before each of its actions in turn; the set changes as a whole, or goes back as a whole."""

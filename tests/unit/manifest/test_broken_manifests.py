@@ -14,6 +14,7 @@ from rorg.manifest.yaml_source import read_yaml
 CASES = sorted(p for p in (ROOT / "tests/cases/broken").iterdir() if p.is_dir())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("folder", CASES, ids=lambda p: p.name)
 def test_every_mistake_is_told_at_its_place(folder, monkeypatch):
     monkeypatch.chdir(folder)

@@ -36,6 +36,7 @@ def traces(draw):
     return Trace(draw(NAMES), duration, tuple(events), draw(st.text(st.characters(exclude_categories=["C"]))))
 
 
+@pytest.mark.slow
 @given(traces())
 def test_what_is_written_is_read_back(tmp_path_factory, trace):
     path = tmp_path_factory.getbasetemp() / "trace.yaml"

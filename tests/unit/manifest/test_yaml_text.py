@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -25,6 +26,7 @@ def values(children: st.SearchStrategy) -> st.SearchStrategy:
     return st.lists(children, max_size=4) | mappings | mappings.map(Inline) | noted
 
 
+@pytest.mark.slow
 @settings(max_examples=200, deadline=None)
 @given(st.dictionaries(KEYS, st.recursive(SCALARS, values, max_leaves=12), min_size=1, max_size=4))
 def test_what_is_written_is_read_back(value):

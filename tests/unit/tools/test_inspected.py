@@ -6,6 +6,7 @@ import dataclasses
 import threading
 
 import inspected
+import pytest
 
 
 @dataclasses.dataclass
@@ -13,6 +14,7 @@ class Pair:
     values: tuple[int, ...]
 
 
+@pytest.mark.slow
 def test_objects_are_counted_without_disturbing_other_threads():
     """A thread that makes tuples meets `SystemError: bad argument to internal function` if another one holds them."""
     done, errors = threading.Event(), []

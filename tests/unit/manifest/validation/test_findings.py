@@ -179,6 +179,7 @@ def test_a_comment_in_an_overlay_is_said_of_the_overlay(tmp_path, monkeypatch):
     assert [d.code for d in load(Path("."), robot="lab").diagnostics] == ["privileged"]
 
 
+@pytest.mark.slow
 @given(st.text("/.:~-_ab1 \n\"'é", max_size=60))
 @settings(max_examples=300, deadline=None)
 def test_names_are_found_word_by_word_as_in_the_whole_text(text):
@@ -194,6 +195,7 @@ def test_each_word_of_an_actuator_has_a_hint(word):
     assert any(hint in plain for hint in idle.HINTS), plain
 
 
+@pytest.mark.slow
 def test_checks_take_a_small_part_of_the_time_of_a_load(tmp_path):
     """An eighth, of 300 services with launch files."""
     node = '<node name="n{0}_{1}" pkg="p" type="t"><remap from="/scan" to="/front{0}/scan"/></node>\n'

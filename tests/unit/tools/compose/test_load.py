@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
+import pytest
+
 from rorg.tools.compose import Loaded, load
 
 MISTAKES = {
@@ -189,6 +191,7 @@ def test_services_of_all_profiles_are_there_and_those_enabled_are_named(tmp_path
     assert project.profiles == {"b": ("sim",), "c": ("real", "sim")}
 
 
+@pytest.mark.slow
 def test_three_hundred_services_are_read_fast(tmp_path):
     one = (
         "  s{i}:\n    <<: *ros\n    command: roslaunch a b{i}.launch\n"

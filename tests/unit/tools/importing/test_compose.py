@@ -327,6 +327,7 @@ def test_a_robot_of_the_cases_imports_and_validates(name, tmp_path):
         assert not load(write(found, folder / "manifests")).errors
 
 
+@pytest.mark.slow
 def test_three_hundred_services_take_seconds(tmp_path):
     one = WHOLE.partition("  nav:\n")[2].partition("\n  db:\n")[0] + "\n".replace('["8080:80", "127', '["127')
     body = "".join(f"  nav{n}:\n{one}" for n in range(300))

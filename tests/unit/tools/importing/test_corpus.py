@@ -22,6 +22,7 @@ def outcomes(tmp_path_factory):
     return {sample.name: outcome(sample) for sample in WRITTEN}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sample", WRITTEN, ids=lambda sample: sample.name)
 def test_a_project_has_its_outcome(sample, outcomes):
     assert outcomes[sample.name].how == sample.expected, outcomes[sample.name].why

@@ -56,6 +56,7 @@ def test_nothing_requested_is_no_waiting():
     assert (found.as_json()["response_mean"], found.as_json()["response_p95"]) == (0.0, 0.0)
 
 
+@pytest.mark.slow
 def test_the_picture_has_a_line_for_each_combination_of_the_other_settings():
     settings = [{"linger": linger, "idle": idle} for linger in ("0s", "1m") for idle in ("pause", "stop")]
     results = [run("", *figures) for figures in ((1, 2, [1.0]), (1, 1, [2.0]), (2, 2, [0.5]), (2, 3, [1.5]))]
