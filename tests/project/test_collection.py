@@ -1,7 +1,8 @@
-"""Tests that take too long for `make test` still begin."""
+"""Tests that take too long for `make test` still begin, and all tests are found in one order."""
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 
@@ -15,3 +16,18 @@ def test_the_long_tests_can_be_imported(folder):
     words = [sys.executable, "-m", "pytest", "--collect-only", "-q", "-o", "norecursedirs=x", folder]
     done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stdout
+
+
+@pytest.mark.slow
+def test_every_worker_finds_the_tests_in_the_same_order():
+    """pytest-xdist runs nothing otherwise. Sets and folders have an order of their own in each process."""
+    words = [sys.executable, "-m", "pytest", "--collect-only"]
+    orders = set()
+    for seed in ("1", "2"):
+        done = subprocess.run(
+            words, cwd=ROOT, env={**os.environ, "PYTHONHASHSEED": seed}, capture_output=True, text=True, timeout=300
+        )
+        assert done.returncode == 0, done.stdout
+        orders.add("\n".join(line for line in done.stdout.splitlines() if "::" in line))
+    assert all(len(order) > 100_000 for order in orders)
+    assert len(orders) == 1

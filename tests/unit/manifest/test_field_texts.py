@@ -17,7 +17,10 @@ from rorg.manifest.schema import BESIDE, below, schema
 from rorg.manifest.yaml_source import read_yaml
 from rorg.model.units import parse_duration, parse_memory
 
-MODELS = sorted({m for top in (*ENVELOPES.values(), *SPECS.values(), *BESIDE.values()) for m in below(top)}, key=title)
+MODELS = sorted(
+    {m for top in (*ENVELOPES.values(), *SPECS.values(), *BESIDE.values()) for m in below(top)},
+    key=lambda model: (title(model), model.__module__, model.__qualname__),
+)
 FIELDS = [(model, name) for model in MODELS for name in fields_of(model)]
 IDS = [f"{title(model)}.{name}" for model, name in FIELDS]
 
