@@ -329,13 +329,9 @@ def pytest_runtest_makereport(item, call):
     if call.when == "teardown":
         witnesses.forget_closed()
     if call.when == "call" and report.passed:
-        names = set(item.fixturenames)
-        kind = (
-            item.callspec.params.get("robot") or item.callspec.params.get("real_robot")
-            if hasattr(item, "callspec")
-            else None
-        )
-        if kind is None:
+        names, params = set(item.fixturenames), item.callspec.params if hasattr(item, "callspec") else {}
+        kind = params.get("robot") or params.get("real_robot")
+        if not isinstance(kind, str):  # a test may call something else its robot
             kind = "docker" if names & {"dockerd", "docker_robot"} else "no engine"
         report.user_properties.append(("engine", kind))  # which reaches the controller
 

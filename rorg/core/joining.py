@@ -13,7 +13,7 @@ from functools import lru_cache
 
 from rorg.core.observed import Container
 from rorg.core.plan import Waiting
-from rorg.core.rollout import came_up_at, candidate, fits, has_come_up, went_back
+from rorg.core.rollout import came_up_at, candidate, falls_back_to, fits, has_come_up, went_back
 from rorg.core.situation import View
 from rorg.model.catalog import Service, Spec
 from rorg.model.joining import ends_with, resolved
@@ -47,10 +47,16 @@ def moved(view: View, service: Service, container: Container) -> str:
 
 
 def can_return(view: View, service: Service, container: Container) -> bool:
-    """Return whether it is possible to go back to this container: the containers it is joined to still exist and come
+    """Return whether it is possible to go back to this container: the containers it is joined to are in use, or come
     back with it, because both belong to one set."""
     lost = {n: i for n, i in joined_of(container.joined).items() if n in service.joins and i != _current(view, n)}
-    return all(_together(view, service, n) and any(c.id == i for c in view.of(n)) for n, i in lost.items())
+    failed = bool(view.s.memory.of(service.name).update.failed)
+    return all(
+        _together(view, service, n)
+        and any(c.id == i for c in view.of(n))
+        and not (failed and i != _coming(view, service, n))
+        for n, i in lost.items()
+    )
 
 
 def with_ids(view: View, service: Service) -> tuple[Spec, Mapping[str, str]]:
@@ -138,12 +144,14 @@ def _coming(view: View, service: Service, name: str) -> str:
     """Return the container that a service is about to have; "" if that is none but the current one. It is the previous
     one if the service goes back, or if a person took the change back; and the new one if it changes together with this
     service, because all new containers of a set are created before any is used."""
-    update = view.s.memory.of(name).update
-    pair = candidate(view.of(name), update)
+    progress = view.s.memory.of(name)
+    pair = candidate(view.of(name), progress.update)
     if pair is None:
         return ""
     new, old = pair
+    if progress.update.failed:
+        return falls_back_to(pair, progress, name, view.desired).id
     taken_back = fits(old, name, view.desired) and not fits(new, name, view.desired)
-    if update.failed or taken_back:
+    if taken_back:
         return old.id
     return new.id if _together(view, service, name) else ""

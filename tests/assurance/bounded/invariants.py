@@ -264,4 +264,5 @@ def the_least_important_is_shed(watch: Watch) -> None:
             and not services[n].interlock
             and helps(over, *load.use.get(n, (0.0, 0)))
         ]
-        assert all(situation.priorities[n] >= services[shed].priority for n in others), (shed, others)
+        ranks = {n: max(situation.priorities[n], watch.ranks.get(n, 0)) for n in others}
+        assert all(rank >= services[shed].priority for rank in ranks.values()), (shed, ranks)

@@ -106,6 +106,8 @@ class Watch:
         self.shed: tuple = ()
         """Services that are shed, and those that were before this pass."""
         self.shed_before: tuple = ()
+        self.ranks: Mapping[str, int] = {}
+        """Effective priorities of the pass before. What is shed takes away those that it lent."""
         self.begun: set[tuple] = set()
         self.starts: dict[str, float] = {}
         """When the last call that started a service began."""
@@ -170,6 +172,7 @@ class Watch:
         progress = self.robot.memory.progress
         self.baked = {name: step.update.baked for name, step in progress.items()}
         self.ready = {name: step.incarnation for name, step in progress.items() if step.ready}
+        self.ranks = self.robot.decision.situation.priorities
         return True
 
     def _called(self, verb: str, container: Container | None, service: str) -> None:
