@@ -13,7 +13,7 @@ from functools import lru_cache
 
 from rorg.core.observed import Container
 from rorg.core.plan import Waiting
-from rorg.core.rollout import came_up_at, candidate, falls_back_to, fits, has_come_up, went_back
+from rorg.core.rollout import came_up_at, candidate, fits, has_come_up, went_back
 from rorg.core.situation import View
 from rorg.model.catalog import Service, Spec
 from rorg.model.joining import ends_with, resolved
@@ -144,14 +144,12 @@ def _coming(view: View, service: Service, name: str) -> str:
     """Return the container that a service is about to have; "" if that is none but the current one. It is the previous
     one if the service goes back, or if a person took the change back; and the new one if it changes together with this
     service, because all new containers of a set are created before any is used."""
-    progress = view.s.memory.of(name)
-    pair = candidate(view.of(name), progress.update)
+    update = view.s.memory.of(name).update
+    pair = candidate(view.of(name), update)
     if pair is None:
         return ""
     new, old = pair
-    if progress.update.failed:
-        return falls_back_to(pair, progress, name, view.desired).id
     taken_back = fits(old, name, view.desired) and not fits(new, name, view.desired)
-    if taken_back:
+    if update.failed or taken_back:
         return old.id
     return new.id if _together(view, service, name) else ""

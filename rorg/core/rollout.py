@@ -44,17 +44,6 @@ def went_back(new: Container, old: Container) -> bool:
     return old.alive and not new.alive and bool(new.started_at or new.error)
 
 
-def falls_back_to(pair: tuple[Container, Container], progress: Progress, name: str, desired: Desired) -> Container:
-    """Return which of (new container, previous one) runs after a change has failed: the previous one. But if only
-    another change of its set failed, and the new container is of an edition before the one that was not made, the
-    service stays in it."""
-    new, old = pair
-    if not progress.update.drawn or fits(new, name, desired) or went_back(new, old):
-        return old
-    usable = new.started_at and not progress.useless(new) and new.id != progress.update.rejected
-    return new if usable else old
-
-
 def came_up_at(progress: Progress, service: Service) -> float | None:
     """Return when a run has come up, so that other services may rely on it: when it is ready, if there is a probe;
     otherwise after a moment of running, but not later than its bake. None while it is not ready."""

@@ -11,7 +11,7 @@ from rorg.core.memory import STALLED_AFTER
 from rorg.core.observed import Container
 from rorg.core.operations import Create
 from rorg.core.plan import Timed, Waiting
-from rorg.core.rollout import came_up_at, candidate, falls_back_to
+from rorg.core.rollout import came_up_at, candidate
 from rorg.core.situation import View
 from rorg.model.catalog import Service
 from rorg.model.codes import BAKING
@@ -52,9 +52,8 @@ class Swap:
         pair = candidate([c for c in (new, *stale) if c], self.update)
         if pair and (new is None or pair[0] is new) and pair[1] in stale:
             self.new, self.old = new, pair[1]
-            runs_on = self.denied and not self.failed and pair[0].active
-            if runs_on or falls_back_to(pair, self.step, service.name, view.desired) is pair[0]:
-                self.old, self.spare = pair  # the one on trial runs, and its replacement is not made
+            if self.denied and not self.failed and pair[0].active:
+                self.old, self.spare = pair  # the one on trial runs, and its replacement cannot be created
         # with its device at another node, the old one is useless
         elif new is None and stale and set(changed) != {NODES}:
             self.old = stale[0] if self.worthy(stale[0]) else None
