@@ -40,7 +40,7 @@ class Screen:
 
     def run(self) -> None:
         """Runs until a person quits."""
-        with self._keyboard:
+        with self._keyboard.taken():
             due = time.monotonic() + FIRST
             while True:
                 self._draw()
