@@ -111,6 +111,8 @@ class Watch:
         self.begun: set[tuple] = set()
         self.starts: dict[str, float] = {}
         """When the last call that started a service began."""
+        self.unseen: dict[str, set[str]] = {}
+        """Service -> services of which rorg saw the past when it began to start it last."""
         self.passes, self.snapshots = 0, Snapshots()
         self.repeated, self.before = 0, ()
         self.baked: dict[str, str] = {}
@@ -143,7 +145,7 @@ class Watch:
         other.__dict__.update(self.__dict__)
         for name in ("begun", "good", "tried", "stopped", "to_stop"):
             setattr(other, name, {*getattr(self, name)})
-        for name in ("starts", "baked", "ready", "leased", "quarantined"):
+        for name in ("starts", "unseen", "baked", "ready", "leased", "quarantined"):
             setattr(other, name, {**getattr(self, name)})
         other.robot, other.snapshots = robot, Snapshots()
         robot.engine.heard = other._called
@@ -165,6 +167,7 @@ class Watch:
                     self.to_stop.add(flight.action.operation.incarnation)
                 if flight.action.verb == "start":
                     self.starts[name] = flight.since
+                    self.unseen[name] = {other for other in self.services if self.robot.lags(other)}
         self.passes += 1
         self.check("pass", self)
         if self.robot.acknowledged is not None:
