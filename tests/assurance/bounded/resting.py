@@ -127,12 +127,12 @@ def the_idle_are_as_declared(watch: Watch) -> None:
     for name, state in robot.states().items():
         if name not in watch.services or name in robot.decision.situation.wanted or name in loops(watch):
             continue
+        if state == "paused" and rivals(watch, name) & robot.active() and name in waiting(watch):
+            continue  # what conflicts with it runs, so it cannot be resumed to end, also if a person paused it
         idle = watch.services[name].idle
         assert state in ALLOWED[idle.action], (name, state)
         further = idle.escalate[1] if idle.escalate else None
         stays = {None: ("inactive", "paused"), "pause": ("paused",)}.get(further, ())
-        # What conflicts with it runs, so it cannot be resumed to end.
-        stays = (*stays, "paused") if rivals(watch, name) & robot.active() and name in waiting(watch) else stays
         assert state not in {"inactive", "paused"} - {*stays}, f"{name} went no further"
 
 
