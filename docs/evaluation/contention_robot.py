@@ -15,14 +15,11 @@ from typing import Any
 from common import BASE_IMAGE, wait_for
 from rorg_process import RorgProcess
 
-from rorg.core.prediction import learn
 from rorg.manifest.load import load_or_raise
 from rorg.manifest.traces import read_trace
 from rorg.manifest.workloads import read_workload
 from rorg.model.catalog import Service
 from rorg.model.graph import closure
-from rorg.store.learned_file import write_learned
-from rorg.store.state_dir import StateDir
 from rorg.tools.sim.simulate import all_on_services
 
 HERE = Path(__file__).parent
@@ -83,7 +80,7 @@ class Robot:
 
     def __init__(self, demand: float) -> None:
         self.catalog = load_or_raise(ROOT / "manifests")
-        self.hour, self.day = (read_trace(HERE / f"{name}.yaml") for name in ("hour", "day"))
+        self.hour = read_trace(HERE / "hour.yaml")
         self.states = {event.state: event.services for event in self.hour.events if event.state}
         self.all = all_on_services(self.catalog, self.hour)
         self.workload = read_workload(HERE / "workload.yaml")
@@ -237,8 +234,8 @@ class Script(AllOn):
 
 
 class Rorg:
-    """The behaviour requests the services of each state. Idle policies, needs and priorities are those of manifests/;
-    rorg has learned a day whose times are different (day.yaml), and may prewarm within a budget of all cores.
+    """The behaviour requests the services of each state. Idle policies, needs and priorities are those of manifests/,
+    and the budget is all cores.
 
     `shares`: of the foreground tasks; 0 for the usual ones. With them, idle services are paused, not stopped."""
 
@@ -249,10 +246,9 @@ class Rorg:
             services[name] = {"always_on": True, "priority": 100, "protected": True, **self._run(name, folder)}
         services[BEHAVIOUR]["may_request"] = sorted({n for asked in robot.states.values() for n in asked})
         asked = {"requester": "developer", "services": robot.asked_for}
-        policy = {"idle": {"prewarm": "auto"}, "budget": {"cpu": CORES}}
+        policy = {"budget": {"cpu": CORES}}
         kinds: dict[str, dict[str, Any]] = {"requests": {"all-day": asked}, "policies": {"default": policy}}
         self.process = RorgProcess(folder, services, docker=host, **kinds)
-        write_learned(StateDir(self.process.state).prepare().path, learn(robot.day.events))
 
     def _manifest(self, one: Service, folder: Path) -> dict[str, Any]:
         idle = {"action": "pause" if self.shares else one.idle.action, "linger": f"{one.idle.linger:g}s"}
@@ -264,7 +260,7 @@ class Rorg:
         return {
             "always_on": one.always_on,
             "needs": [n for n in one.needs if n in self.robot.ports],
-            "idle": {**idle, "prewarm": "off"} if one.driver else idle,
+            "idle": idle,
             "priority": one.priority,
             "resources": {"cpu": round(self.robot.cores(one.name), 4), "memory": one.memory},
             **ready,

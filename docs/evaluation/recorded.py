@@ -24,7 +24,6 @@ from recorded_robots import LOADERS, ROBOTS, Robot, busy_robot
 from recorded_run import Recorded, record
 
 from rorg.host.load import machine
-from rorg.model.learned import Learned
 from rorg.model.workload import Behaviour, Distribution, Workload
 from rorg.tools.sim.emulation import agreement
 from rorg.tools.sim.results import RunResult
@@ -60,7 +59,7 @@ def figures(result: RunResult) -> dict[str, Any]:
 
 def compared(run: Recorded, workload: Workload, cores: float | None = None) -> dict[str, Any]:
     """The figures of a simulation of a recorded day, and how often the same services are active."""
-    found = simulate(run.catalog, run.trace, workload, SEED, every=0.05, learned=Learned(), cores=cores)
+    found = simulate(run.catalog, run.trace, workload, SEED, every=0.05, cores=cores)
     agreed = agreement(found, run.result)
     times = {"services": round(agreed.services, 4), "sets": round(agreed.sets, 4), "differing": dict(agreed.differing)}
     short = {} if found.shortage is None else {"short": {k: round(v, 2) for k, v in asdict(found.shortage).items()}}

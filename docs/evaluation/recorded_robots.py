@@ -143,7 +143,7 @@ def alternating(tasks: Mapping[str, tuple[str, ...]], seconds: float, seed: int)
 
 
 def crowded_robot() -> Robot:
-    """Exclusive resources, conflicts, groups, leases and prewarming."""
+    """Exclusive resources, conflicts, groups and leases."""
     stop = {"action": "stop", "linger": "0s"}
     services = {
         "base": probed(0.05, 30, 0.3, always_on=True),
@@ -154,8 +154,8 @@ def crowded_robot() -> Robot:
         "mapping": probed(0.2, 50, 0.7, conflicts=["localization"], priority=30, idle=stop),
         "localization": probed(0.15, 50, 1.0, 0.2, needs=["base"], priority=60, idle=stop),
         "wheels": probed(0.1, 20, 0.4, needs=["base"], idle={"action": "pause", "linger": "500ms"}),
-        "microphone": stand_in(0.05, 20, idle={"action": "pause", "linger": "0s", "prewarm": "auto"}),
-        "recognition": probed(0.2, 60, 0.8, needs=["microphone"], idle={**stop, "prewarm": "auto"}),
+        "microphone": stand_in(0.05, 20, idle={"action": "pause", "linger": "0s"}),
+        "recognition": probed(0.2, 60, 0.8, needs=["microphone"], idle=stop),
     }
     groups = {"driving": {"services": ["localization", "wheels"]}, "looking": {"services": ["camera", "detection"]}}
     asks = list(alternating({"look": ("looking",), "drive": ("driving",)}, 150.0, seed=3))
@@ -163,7 +163,7 @@ def crowded_robot() -> Robot:
         at = 8.0 + 15 * number
         asks.append(Ask(at, "segment", ("segmentation",), ttl="4s"))
         asks.append(Ask(at + 3, "map", ("mapping",), ttl="5s"))
-    for number in range(14):  # the same again and again, so that rorg learns it
+    for number in range(14):
         at = 5.0 + 10 * number
         asks += [Ask(at, "behaviour", ("recognition",), "behaviour"), Ask(at + 4, "behaviour", ("base",), "behaviour")]
     policy = {"default": {"resources": {"gpu": 1}}}

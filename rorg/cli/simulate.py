@@ -18,7 +18,6 @@ from rorg.model.units import format_memory
 
 if TYPE_CHECKING:
     from rorg.model.catalog import Catalog
-    from rorg.model.learned import Learned
     from rorg.model.trace import Trace
     from rorg.model.workload import Workload
     from rorg.tools.sim.results import RunResult
@@ -28,15 +27,6 @@ WorkloadFile = Annotated[
     Path | None,
     typer.Option(
         help="File of a Workload: how programs use the machine. Default: `resources` and `ready` of the manifests.",
-        click_type=FILE,
-    ),
-]
-Learn = Annotated[
-    Path | None,
-    typer.Option(
-        help="File of another Trace, from which to learn prewarming before the first one begins. Default: "
-        "learn during the first one.",
-        metavar="TRACE",
         click_type=FILE,
     ),
 ]
@@ -59,7 +49,7 @@ Compare = Annotated[
     list[str],
     typer.Option(
         help="Compare with this variant: a directory of manifests, the file of a Policy, or settings for all "
-        "services that are not always on, such as linger=20s,idle=pause,prewarm=auto. Repeat it for more "
+        "services that are not always on, such as linger=20s,idle=pause. Repeat it for more "
         "variants.",
         metavar="[NAME=]VARIANT",
     ),
@@ -79,7 +69,6 @@ def command(
     *,
     workload: WorkloadFile = None,
     seed: Annotated[int, typer.Option(help="Random seed.")] = 1,
-    learn: Learn = None,
     cores: Cores = None,
     every: Annotated[float, typer.Option(help="Time between two samples.", parser=durations(0.01))] = Seconds(1),
     csv: Annotated[Path | None, typer.Option(help="Write the time series to a file.", click_type=FILE)] = None,
@@ -104,9 +93,7 @@ def command(
     asked = read_trace(trace, {*catalog.services, *catalog.groups})
     programs = read_workload(workload) if workload else Workload("manifests")
     _warn(catalog, asked, programs)
-    trial = Trial(
-        Tree(context.root, catalog, context.engine_name, context.robot), asked, programs, seed, _learned(learn), cores
-    )
+    trial = Trial(Tree(context.root, catalog, context.engine_name, context.robot), asked, programs, seed, cores)
     if compare or sweep:
         try_out(trial, compare, sweep, output, csv, plot)
     else:
@@ -131,11 +118,9 @@ def _simulate(trial: Trial, every: float, output: str, csv: Path | None, plot: P
     from rorg.tools.sim.report import COLUMNS, SHORT, WIDE, as_json, rows
     from rorg.tools.sim.simulate import simulate
 
-    catalog, asked, programs, seed, learned = trial.tree.catalog, trial.trace, trial.workload, trial.seed, trial.learned
+    catalog, asked, programs, seed = trial.tree.catalog, trial.trace, trial.workload, trial.seed
     results = [
-        simulate(
-            catalog, asked, programs, seed, name=name, all_on=all_on, every=every, learned=learned, cores=trial.cores
-        )
+        simulate(catalog, asked, programs, seed, name=name, all_on=all_on, every=every, cores=trial.cores)
         for name, all_on in (("all-on", True), ("rorg", False))
     ]
     if csv:
@@ -147,14 +132,6 @@ def _simulate(trial: Trial, every: float, output: str, csv: Path | None, plot: P
     full = {"trace": asked.name, "workload": programs.name, "seed": seed, "runs": as_json(results)}
     columns = COLUMNS if trial.cores is None else (*COLUMNS, SHORT)
     print_rows(rows(results), output, columns, WIDE, full=full)
-
-
-def _learned(path: Path | None) -> Learned:
-    from rorg.core.prediction import learn
-    from rorg.manifest.traces import read_trace
-    from rorg.model.learned import Learned
-
-    return learn(read_trace(path).events) if path else Learned()
 
 
 def _write(results: Sequence[RunResult], trace: Trace, path: Path) -> None:
@@ -183,8 +160,6 @@ class Trial:
     trace: Trace
     workload: Workload
     seed: int
-    learned: Learned
-    """The usual times of requests as known at the beginning, for services that are prewarmed."""
     cores: float | None = None
     """Cores of the machine; None: there are always enough."""
 
@@ -215,7 +190,6 @@ class Trial:
                 self.seed,
                 name=one.name,
                 all_on=one.name == ALL_ON,
-                learned=self.learned,
                 cores=self.cores,
             )
             for one in variants

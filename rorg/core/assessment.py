@@ -1,5 +1,5 @@
-"""The first half of a pass: turn the inputs into a Situation. It settles requests, admission, progress, pressure,
-prewarming and restarts, in this order because each depends on the ones before."""
+"""The first half of a pass: turn the inputs into a Situation. It settles requests, admission, progress, pressure
+and restarts, in this order because each depends on the ones before."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from rorg.core.eviction import Victims, evict
 from rorg.core.holds import seconds_left
 from rorg.core.inputs import Cache, Inputs
 from rorg.core.memory import Memory
-from rorg.core.prewarm import Prewarmed, prewarm
 from rorg.core.requests import Settled, note_restarts, settle, tried_again
 from rorg.core.rollout import pardoned, retried
 from rorg.core.schedule import interlocks
@@ -37,7 +36,6 @@ class Assessed:
     settled: Settled
     holds: Mapping[str, str]
     served: Mapping[str, str]
-    warm: Prewarmed
 
 
 def assess(inputs: Inputs, cache: Cache | None, touched: Collection[str], withheld: Withheld) -> Assessed:
@@ -45,21 +43,19 @@ def assess(inputs: Inputs, cache: Cache | None, touched: Collection[str], withhe
     assessment = _Assessment(inputs)
     tracked = assessment.track(cache, touched)
     measures = assessment.evict()
-    warm = assessment.prewarm()
     memory, served = note_restarts(assessment.memory, inputs.restarts, inputs.observed, stamp(inputs.wall))
     admission, last = assessment.admission, cache.planned.situation if cache else None
     wanted = admission.wanted
     surroundings = {f.name: getattr(inputs, f.name) for f in fields(Surroundings)} | {"memory": memory}
     situation = Situation(
         **surroundings,
-        wanted=warm.wanted,
+        wanted=wanted,
         urgent=last.urgent if last and last.wanted is wanted else urgent(inputs.desired.catalog, wanted),
         restarts={n: due.run for n, due in memory.restarts.items()},
         confirmed=frozenset(inputs.confirmed),
         preempted=admission.preempted,
         rivals=admission.rivals,
         asked=admission.asked,
-        prewarmed=warm.names,
         excluded=frozenset(assessment.holds),
         priorities=admission.priorities,
         interlocks=assessment.interlocks,
@@ -74,7 +70,6 @@ def assess(inputs: Inputs, cache: Cache | None, touched: Collection[str], withhe
         settled=assessment.settled,
         holds=assessment.holds,
         served=served,
-        warm=warm,
     )
 
 
@@ -147,13 +142,6 @@ class _Assessment:
             return free.priorities[name]
         out = {n: why for n, why in self.excluded(self.memory).items() if n != name or n in self.holds}
         return admit(self.catalog, self.requests, out).priorities.get(name, -1)
-
-    def prewarm(self) -> Prewarmed:
-        """Choose what to prewarm: after requests and pressure, so that prewarming never takes anything from them."""
-        barred = {*self.excluded(self.memory), *self.unplugged}
-        off = bool(self.suspended) or self.memory.pressure.engaged or not self.inputs.observed.complete
-        self.memory, warm = prewarm(self.memory, self.inputs, self.admission, self.requests, barred, off)
-        return warm
 
 
 def _until(word: str, hold: Hold) -> str:

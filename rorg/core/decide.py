@@ -16,7 +16,6 @@ from rorg.core.inputs import Cache, Inputs
 from rorg.core.memory import Memory, ProbeResult, ProbeResults
 from rorg.core.peers import stand_ins
 from rorg.core.plan import Action, Plan
-from rorg.core.prediction import with_begun
 from rorg.core.requests import Settled
 from rorg.core.schedule import Schedule, Target, schedule
 from rorg.core.situation import Situation
@@ -83,7 +82,6 @@ def decide(inputs: Inputs) -> Decision:
     ready = () if violations or situation.suspended else map(itemgetter(-1), planned.queue)
     chosen = tuple(select(ready, memory.in_flight, inputs.limits, inputs.now))
     memory = begin(memory, chosen, observed, inputs.now)
-    memory = replace(memory, prediction=with_begun(memory.prediction, chosen, inputs.now)) if chosen else memory
     due = schedule(cache.schedule if cache else None, planned, inputs.asked)
     return Decision(
         planned=planned,
@@ -91,7 +89,7 @@ def decide(inputs: Inputs) -> Decision:
         memory=memory,
         settled=assessed.settled,
         violations=violations,
-        deadline=_deadline(situation, due, inputs, assessed.warm.look),
+        deadline=_deadline(situation, due, inputs),
         to_probe=due.targets,
         to_look=dict(due.looks.values()),
         holds=assessed.holds,
@@ -128,10 +126,10 @@ def _withheld(inputs: Inputs) -> tuple[Inputs, Withheld, tuple[str, ...]]:
     return inputs, withheld, ended
 
 
-def _deadline(situation: Situation, due: Schedule, inputs: Inputs, look: float | None) -> float | None:
+def _deadline(situation: Situation, due: Schedule, inputs: Inputs) -> float | None:
     """Return the earliest future moment at which something is due."""
     now, memory = situation.now, situation.memory
-    times = [at for at in (look, situation.peers.deadline) if at is not None]
+    times = [] if situation.peers.deadline is None else [situation.peers.deadline]
     times += [lease.until for lease in memory.leases.values()]
     holds = (h for h in (*inputs.holds.values(), inputs.suspended) if h is not None)
     times += [now + seconds_left(hold, inputs.moment) for hold in holds]

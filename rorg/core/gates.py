@@ -52,9 +52,7 @@ def _joined(view: View, service: Service, step: Step) -> Passage:
     users = dict.fromkeys(
         c.service for c in joined_to(view.s.observed.containers, operation.container) if not stops or c.alive
     )
-    # What is only prewarmed holds nothing back that is requested.
-    needed = view.s.wanted.keys() - view.s.prewarmed
-    left = [u for u in users if not view.has_actions(u) and (u in needed or u in view.exclusive.undeclared)]
+    left = [u for u in users if not view.has_actions(u) and (u in view.s.wanted or u in view.exclusive.undeclared)]
     if left:
         return (), Waiting(service.name, f"{', '.join(left)} is still joined to its container")
     return tuple(u for u in users if view.has_actions(u)), None

@@ -31,7 +31,7 @@ from rorg.model.objects import is_object
 QueueEntry = tuple[bool, bool, int, int, Action]
 """(not urgent, no driver, -priority, place, action that can begin now). Sorted, the first entry is the most
 important."""
-OWN = ("observed", "memory", "now", "interlocks", "peers", "wanted", "urgent", "priorities", "prewarmed")
+OWN = ("observed", "memory", "now", "interlocks", "peers", "wanted", "urgent", "priorities")
 """Fields of a Situation that are compared per service."""
 SHOWN = ("rivals", "asked")
 """Fields that no plan depends on. Every other field concerns all services."""
@@ -178,10 +178,10 @@ def _changed_wants(before: Situation, now: Situation) -> set[str]:
     """Return the services for which it has changed whether, why, how urgently or with what priority they are wanted.
     The chain of reasons leads through a service to those that are wanted because of it, so they are included. So are
     the unwanted ones of a ROS graph: a service is not paused while it is connected to a wanted one."""
-    if before.wanted is now.wanted and before.prewarmed == now.prewarmed:
+    if before.wanted is now.wanted:
         return set()
     names = differing(before.wanted, now.wanted) | differing(before.priorities, now.priorities)
-    names |= (before.urgent ^ now.urgent) | (before.prewarmed ^ now.prewarmed)
+    names |= before.urgent ^ now.urgent
     names |= wanted_by(now.wanted, names)
     if now.ros:
         services, unwanted = now.desired.catalog.services, now.desired.digests.keys() - now.wanted.keys()

@@ -13,7 +13,6 @@ from rorg.core.schedule import Schedule
 from rorg.core.situation import Surroundings
 from rorg.core.tracking import Tracked
 from rorg.model.catalog import Hold, Request
-from rorg.model.learned import Learned
 from rorg.model.load import Load
 
 
@@ -54,8 +53,6 @@ class Inputs(Surroundings):
     """Service -> when someone asked to retry what failed."""
     down: bool = False
     """`rorg down`: everything goes, and nothing is withheld."""
-    learned: Learned | None = None
-    """The model learnt from requests before this loop began, which it extends; None turns prewarming off."""
     cache: Cache | None = None
     """From the last pass."""
 

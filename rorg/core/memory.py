@@ -10,7 +10,6 @@ from rorg.core.admission import Admitted
 from rorg.core.observed import Container
 from rorg.core.operations import Operation, Remove, Start
 from rorg.core.plan import Action
-from rorg.core.prediction import PredictionState
 from rorg.core.pressure import NONE as CALM
 from rorg.core.pressure import Pressure
 from rorg.core.update import Update
@@ -275,7 +274,6 @@ class Memory:
     kept: Kept = Kept()
     outage: bool | None = None
     """Whether the engine did not answer in the last pass, though it had before; None until it first answers."""
-    prediction: PredictionState = PredictionState()
 
     def of(self, service: str) -> Progress:
         return self.progress.get(service, NONE)

@@ -23,9 +23,6 @@ from rorg.core.steps import Chain, Step, away
 from rorg.model.catalog import Service
 from rorg.model.codes import OWNER
 
-LAST = -1
-"""Priority of services that are not requested yet: below every other."""
-
 
 def in_order(situation: Situation) -> list[str]:
     """Return all subjects in planning order: declared networks and volumes; services to cease, dependants first;
@@ -180,7 +177,7 @@ class Planner:
             fields=step.fields,
             after=after,
             urgent=urgent and any(n in self.s.urgent for n in users or (name,)),
-            priority=LAST if name in self.s.prewarmed else priority,
+            priority=priority,
             driver=service.driver,
             part_of=step.part_of,
             surplus=step.surplus,

@@ -106,8 +106,6 @@ class Situation(Surroundings):
     """Why rorg does nothing at all now."""
     unplugged: Mapping[str, str] = field(default_factory=dict)
     """Services that lack a device now, each with the reason."""
-    prewarmed: frozenset[str] = frozenset()
-    """Services that are wanted only because a request is likely, and those they need."""
     withheld: Mapping[str, str] = field(default_factory=dict)
     """Undeclared services that stay until a person confirms their removal, each with the reason."""
 

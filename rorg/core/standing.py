@@ -71,7 +71,7 @@ def _unfinished(decision: Decision) -> Standing | None:
         return _failure(failures)
     if waits := _waits(situation, plan):
         return Standing(APPLYING, waits)
-    unbaked = [n for n in situation.desired.editions if _asked(situation, n) and not _baked(situation, n)]
+    unbaked = [n for n in situation.desired.editions if n in situation.wanted and not _baked(situation, n)]
     return _baking(situation, unbaked) if unbaked else None
 
 
@@ -103,10 +103,6 @@ def _of_tree(action: Action) -> bool:
     return not (action.operation.begins or action.operation.idles) or bool(action.part_of)
 
 
-def _asked(situation: Situation, name: str) -> bool:
-    return name in situation.wanted and name not in situation.prewarmed
-
-
 def _baked(situation: Situation, name: str) -> bool:
     update = situation.memory.of(name).update
     return update.baked == update.edition
@@ -131,6 +127,6 @@ def _waits(situation: Situation, plan: Plan) -> str:
         existing = containers.get(name, ())
         if existing and not any(fits(c, name, situation.desired) for c in existing):
             return f"{name}: {waits[name][-1] if name in waits else 'its container differs from its manifest'}"
-        if _asked(situation, name) and not _baked(situation, name) and not (existing and existing[0].alive):
+        if name in situation.wanted and not _baked(situation, name) and not (existing and existing[0].alive):
             return f"{name}: {waits[name][-1] if name in waits else 'it does not run'}"
     return ""

@@ -8,27 +8,23 @@ from dataclasses import dataclass
 
 from rorg.model.catalog import Catalog, Request
 from rorg.model.graph import closure
-from rorg.model.learned import Likelihood
 
-ROOTS = ("always_on", "meta", "prewarmed")
+ROOTS = ("always_on", "meta")
 """Kinds of causes that need nothing else to be wanted."""
 
 
 @dataclass(frozen=True, slots=True)
 class Cause:
-    """Why a service is wanted: `always_on`, `meta`, `requested` (by a service, with the request's id), `needed`, or
-    `prewarmed` (a request is likely)."""
+    """Why a service is wanted: `always_on`, `meta`, `requested` (by a service, with the request's id), or
+    `needed`."""
 
     kind: str
     by: str = ""
     request: str = ""
-    likely: Likelihood | None = None
 
     def __str__(self) -> str:
         if self.kind == "requested":
             return f"requested by {self.by} ({self.request})"
-        if self.kind == "prewarmed":
-            return f"prewarmed: {self.likely}"
         return {"always_on": "always on", "meta": "meta-service"}.get(self.kind, f"needed by {self.by}")
 
 

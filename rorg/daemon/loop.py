@@ -13,7 +13,6 @@ from rorg.core.dispatch import DispatchLimits, finish
 from rorg.core.inputs import Inputs
 from rorg.daemon.generations import Generations
 from rorg.daemon.image_manager import ImageManager
-from rorg.daemon.learner import Learner
 from rorg.daemon.leases import Leases
 from rorg.daemon.machines import Machines
 from rorg.daemon.publisher import Publisher
@@ -85,7 +84,6 @@ class Loop:
     boot: str = field(default_factory=boot_id)
 
     def __post_init__(self) -> None:
-        self.learner = Learner(self.state.path, self.recorder.journal, self.clock, self.wall())
         self.questions: dict[object, Mapping[str, float]] = {}
         """Services that clients ask about or wait for, each with the time (`clock`) since when the answers of its probe
         count. If there is no such answer the probe is asked again."""
@@ -172,7 +170,6 @@ class Loop:
         self.prober.join(until - self.clock())
         self.observer.stop()
         self.publisher.flush()
-        self.learner.write()
         self.recorder.history.close()
 
     @property
@@ -210,7 +207,6 @@ class Loop:
         self.prober.watch(decision.to_probe)
         self.observer.look(decision.to_look)
         self.ros.look(decision.situation)
-        self.learner.note(decision.memory.prediction.learned)
         if not document.down:  # a robot that is down says nothing about its manifests
             self.recorder.historian.note(decision, decision.memory, self.tree, self.boot)
             if self.tree.overtaken:
@@ -256,7 +252,6 @@ class Loop:
             unreported=self.ros.unreported(self.tree.desired.catalog),
             unsettled=self.tree.changes.unsettled,
             purge=document.down and document.purge,
-            learned=self.learner.learned,
             cache=self.decision.cache if self.decision else None,
         )
 

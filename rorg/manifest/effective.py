@@ -27,7 +27,7 @@ from rorg.model.diagnostics import collected
 from rorg.model.secret_names import secret_texts
 
 AT = ("spec", "container")
-UNSAID = (("failures", 0), ("atomic", ""), ("prewarm", 0.0))
+UNSAID = (("failures", 0), ("atomic", ""))
 """Values of a Service that mean "not set"."""
 
 
@@ -66,7 +66,7 @@ def _spec(levels: list[Level], policy: list[Level], service: Service) -> Iterato
                 yield from _first([own] if own_word else policy, at, part, service, ("update", key))
         elif name in ("idle", "resources"):
             for key, part in fields_of(told.model or BaseModel).items():
-                yield from _first(_said_by(name, key, levels, policy, service), (name, key), part, service)
+                yield from _first(_said_by(name, levels, policy), (name, key), part, service)
         elif name == "profile" and own.source.spec.profile and len(own.source.spec.profile) == 1:
             yield own.value(name, told, own.source.spec.profile[0], "spec", name)
         elif name == "needs":
@@ -77,12 +77,9 @@ def _spec(levels: list[Level], policy: list[Level], service: Service) -> Iterato
             yield from _first(levels if name == "restart" else [own], (name,), told, service)
 
 
-def _said_by(name: str, key: str, levels: list[Level], policy: list[Level], service: Service) -> list[Level]:
-    """The manifests that may set a part of `idle` or `resources`. Only a driver's own manifest or profile can prewarm
-    it."""
-    if name == "resources":
-        return levels[:1]
-    return levels if key == "prewarm" and service.driver else [*levels, *policy]
+def _said_by(name: str, levels: list[Level], policy: list[Level]) -> list[Level]:
+    """The manifests that may set the parts of `idle` or `resources`."""
+    return levels[:1] if name == "resources" else [*levels, *policy]
 
 
 def _ros(own: Level, told: FieldText) -> Iterator[Value]:

@@ -166,7 +166,7 @@ UNTOLD = ("where", "origins", "fingerprint", "joins", "domain", "away")
 """Fields that are not declared by the tree, or that follow from others."""
 LATER = (
     *("stand_ins", "cache_from", "inline", "networks", "volumes", "devices", "unplugged", "ros", "parts"),
-    *("purge_shm", "prewarm", "connected", "notify", "managed", "may_report_graph", "machine", "machines"),
+    *("purge_shm", "connected", "notify", "managed", "may_report_graph", "machine", "machines"),
 )
 """Fields that earlier versions did not have: a tree that does not use them keeps its fingerprint."""
 

@@ -30,17 +30,6 @@ Fraction = Annotated[float, Field(strict=False, gt=0, le=1)]
 Percent = Annotated[float, Field(strict=False, gt=0, le=100)]
 
 
-def _probability(value: object) -> object:
-    if isinstance(value, bool):
-        raise ValueError("it is auto, off or a probability such as 0.1")
-    return value
-
-
-Prewarm = Annotated[
-    Literal["auto", "off"] | Fraction, BeforeValidator(_probability), Written("auto | off | probability")
-]
-
-
 class Escalate(Strict):
     """A second, harder step for a service that stays idle."""
 
@@ -69,12 +58,6 @@ class Idle(Strict):
     )
     reclaim: bool | None = unchanging(
         "Push a paused service's memory out to swap, if the machine has swap.", True, unset="false"
-    )
-    prewarm: Prewarm | None = unchanging(
-        "Start or resume it before it is requested, when it is likely enough that it soon will be: auto for a "
-        "probability of 0.2, or the probability itself.",
-        "auto",
-        unset="off",
     )
     connected: Literal["pause", "stop"] | None = unchanging(
         "The action instead of a pause while a topic connects one of its ROS nodes to another active service, or "

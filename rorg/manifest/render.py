@@ -119,16 +119,9 @@ def with_managed(ready: Probe | None, nodes: Sequence[str], graph: str) -> Probe
     return replace(first, kind="all", target="", graph="", parts=(*asked, *parts)) if parts else ready
 
 
-PREWARM = {"auto": 0.2, "off": 0.0}
-"""Probabilities by name; docs/explanation/planning.md explains the 0.2."""
-
-
 def _idle(spec: Any, profile: Merged, policy: Any) -> Idle:
-    """Merges `idle` of the Policy, the profile and the manifest. The Policy's `prewarm` does not apply to drivers:
-    hardware must not move before someone requests it, unless the manifest says so."""
+    """Merges `idle` of the Policy, the profile and the manifest."""
     first = policy.idle.model_dump(exclude_none=True) if policy and policy.idle else {}
-    if spec.driver is not None:
-        first.pop("prewarm", None)
     return idle_of({**first, **profile.idle, **(spec.idle.model_dump(exclude_none=True) if spec.idle else {})})
 
 
@@ -137,8 +130,6 @@ def idle_of(declared: Mapping[str, Any], otherwise: Idle = Idle()) -> Idle:
     settings = dict(declared)
     if "escalate" in settings:
         settings["escalate"] = settings["escalate"]["after"], settings["escalate"]["action"]
-    if isinstance(settings.get("prewarm"), str):
-        settings["prewarm"] = PREWARM[settings["prewarm"]]
     return replace(otherwise, **settings)
 
 

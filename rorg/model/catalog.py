@@ -42,8 +42,6 @@ class Idle:
     escalate: tuple[float, str] | None = None
     """(seconds after it became idle; pause, stop or remove)."""
     reclaim: bool = False
-    prewarm: float = 0.0
-    """Minimum probability for starting it before it is requested; 0 for never."""
     connected: str = "pause"
     """pause or stop: what to do instead of pausing it while its ROS nodes are connected to those of other services."""
 

@@ -10,7 +10,6 @@ from dataclasses import replace
 from rorg.model.units import stamp
 from rorg.store.engine_record import NAME as ENGINE
 from rorg.store.last_good import NAME
-from rorg.store.learned_file import NAME as LEARNED
 from rorg.store.requests_document import RequestsDocument
 from rorg.store.requests_file import SPARE, RequestsFile
 from rorg.store.state_dir import StateDir
@@ -25,7 +24,7 @@ FILES = (
     ".process-images.lock",
     "wakeup",
     NAME,
-    LEARNED,
+    "learned.json",  # of 0.1, which nothing reads any more
     SPARE,
 )
 LOCKS = ("instance.lock", ".requests.lock", "owner.json", "lock")

@@ -93,7 +93,6 @@ bench: $(VENV)/test-installed
 # docs/evaluation: figures, plots, and the tables of its page. Some minutes.
 evaluation: $(VENV)/test-installed
 	$(BIN)/python docs/evaluation/evaluate.py
-	$(BIN)/python docs/evaluation/prewarm.py
 
 # How responsive a robot is on a machine with too little CPU, in five ways: docs/evaluation/contention.json, for which
 # `make evaluation` draws tables. As root, on a machine that does nothing else, half an hour for each demand. COMPOSE

@@ -88,7 +88,7 @@ cp a-file b; cp arm:/a base:/b; cp arm: .; cp :x .; cp nosuch arm:/x; cp arm:/x 
 edit nosuch; edit x/y; edit ''; edit service/; edit /arm; edit image/arm; edit ../services/arm
 edit arm --manifests nosuch; fit nosuch; fit -o nosuch; fit arm --manifests nosuch
 dev; dev arm; dev --stop; dev arm --stop --fresh; dev --fresh; dev --devcontainer; dev -o nosuch; dev arm -- ls
-simulate nosuch --compare linger=1s; simulate nosuch --sweep linger=1s; simulate day.yaml --learn nosuch
+simulate nosuch --compare linger=1s; simulate nosuch --sweep linger=1s
 simulate nosuch; simulate day.yaml nosuch; simulate day.yaml -o nosuch; simulate empty; simulate day.yaml empty
 edit arm; diff --state-dir a-file; request arm --state-dir a-file/x; get --state-dir /dev/null
 """,

@@ -76,24 +76,6 @@ def test_the_same_seed_gives_the_same_bytes(robot):
 
 
 @pytest.mark.slow
-def test_what_is_learnt_of_another_trace_is_prewarmed(robot):
-    """Six visits, a minute each, with a minute between: too few to learn them as they come."""
-    times = [(n * 120 + later, state) for n in range(6) for later, state in ((1, "rest"), (61, "look"))]
-    events = "".join(f"    - {{at: {at}s, state: {state}}}\n" for at, state in times)
-    head = TRACE.partition("    - {at: 10s")[0].replace("duration: 60s", "duration: 720s")
-    (robot / "visits.yaml").write_text(head + events)
-    policy = robot / "manifests/policies/policy.yaml"
-    spec = "{idle: {action: stop, prewarm: auto}}"
-    policy.write_text(f"apiVersion: rorg/v1\nkind: Policy\nmetadata: {{name: policy}}\nspec: {spec}\n")
-    asked, known = (
-        json.loads(simulate(robot, "visits.yaml", "-o", "json", *more).stdout)["runs"][1]["responses"]["look"]
-        for more in ((), ("--learn", "visits.yaml"))
-    )
-    assert asked["median"] >= 0.1
-    assert known["median"] == 0.0
-
-
-@pytest.mark.slow
 def test_series_and_picture(robot):
     simulate(robot, "visit.yaml", "--every", "2s", "--csv", "series.csv", "--plot", "visit.svg")
     with (robot / "series.csv").open() as file:

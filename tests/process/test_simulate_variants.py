@@ -90,15 +90,3 @@ def test_what_makes_no_sense_is_refused(folder, words, why):
     said = simulate(folder, *(word.format(folder=folder) for word in words), code=2).stderr
     assert why in said
     assert "; try" in said
-
-
-def test_what_was_learnt_from_another_trace_is_known_from_the_beginning(folder):
-    """Every look is ten seconds long, ten seconds after the last one: once that is known, the camera waits for it."""
-    many = tuple(TraceEvent(20.0 * i + e.at % 20, e.requester, e.id, e.services) for i in range(20) for e in LOOKS[:2])
-    (folder / "many.yaml").write_text(trace_text(Trace("many", 400.0, many)))
-
-    def median(*words: str) -> float:
-        told = simulate(folder, "--compare", "prewarm=auto", "-o", "json", *words).stdout
-        return json.loads(told)[-1]["response_median"]
-
-    assert median("--learn", str(folder / "many.yaml")) == 0 < median()

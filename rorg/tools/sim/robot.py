@@ -23,7 +23,6 @@ from rorg.core.schedule import Target
 from rorg.engines.execute import failure, perform
 from rorg.errors import RorgError
 from rorg.model.catalog import Catalog
-from rorg.model.learned import Learned
 from rorg.model.load import Load
 from rorg.store.requests_document import RequestsDocument
 from rorg.tools.sim.calls import Faults
@@ -70,8 +69,6 @@ class SimRobot:
         """Services whose interlock refuses."""
         self.extra: tuple[float, int] = (0.0, 0)
         """(cores, bytes) that other programs of the machine use."""
-        self.learned: Learned | None = None
-        """Knowledge from earlier requests; None: nothing is prewarmed."""
         self.ros: Graphs = {}
         """Answers of ROS 1 masters."""
         self.renewals: dict[tuple[str, str], int] = {}
@@ -192,7 +189,6 @@ class SimRobot:
             renewals=self.renewals,
             confirmed=self.document.removals,
             retries=self.document.retries,
-            learned=self.learned,
             cache=self.cache,
             ros=self.ros,
             devices={

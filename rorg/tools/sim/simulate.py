@@ -15,7 +15,6 @@ from rorg.core.requests import problems
 from rorg.core.wanted import wanted
 from rorg.model.catalog import DEVELOPER, Catalog, Request
 from rorg.model.graph import closure, conflicting, overbooked
-from rorg.model.learned import Learned
 from rorg.model.load import Load
 from rorg.model.trace import Trace, TraceEvent
 from rorg.model.workload import Workload
@@ -55,23 +54,20 @@ def simulate(
     name: str = "rorg",
     all_on: bool = False,
     every: float = 1.0,
-    learned: Learned | None = None,
     cores: float | None = None,
 ) -> RunResult:
     """Runs the trace on a robot whose programs behave as the workload says, on a machine on which nothing runs yet.
 
     The same arguments give exactly the same result. `all_on`: for comparison, everything runs all the time; the trace
     then only requests services that could not run together with the rest. `every`: seconds between two samples; sums
-    do not depend on it. `learned`: what is already known of requests, for services that are prewarmed; the simulation
-    adds to it. None: nothing is prewarmed. `cores`: of the machine. While programs want more, each gets its share, and
-    comes up more slowly; None: there are always enough.
+    do not depend on it. `cores`: of the machine. While programs want more, each gets its share, and comes up more
+    slowly; None: there are always enough.
 
     As in reality, a service makes its requests in its current run. They wait until it is ready, and a run that
     replaces a crashed one repeats the last requests that the trace made in its name. The time until a request is ready
     counts from its time in the trace. A program is in use while the trace wants it, even if everything runs.
     """
     run = _Run(catalog, trace, Programs(catalog.services, workload, seed), every, cores)
-    run.learned = learned
     if all_on:
         run.turn_on(everything(catalog, trace))
     run.play()

@@ -24,7 +24,7 @@ from rorg.model.catalog import Catalog, Service
 from rorg.model.diagnostics import nearest
 from rorg.tools.sim.results import Response, RunResult
 
-SETTINGS = {"linger": "linger", "idle": "action", "min_active": "min_active", "prewarm": "prewarm"}
+SETTINGS = {"linger": "linger", "idle": "action", "min_active": "min_active"}
 """Setting -> the field of `idle`."""
 MOST = 100
 """Largest number of variants in a sweep."""
@@ -101,8 +101,7 @@ def _split(what: str, text: str) -> dict[str, str]:
 
 
 def with_settings(catalog: Catalog, settings: Mapping[str, str]) -> Catalog:
-    """The robot with these settings for all services that are not always on. As with a Policy, drivers are prewarmed
-    only if they say so themselves. Raises Invalid."""
+    """The robot with these settings for all services that are not always on. Raises Invalid."""
     declared = {SETTINGS[key]: as_scalar(value) for key, value in settings.items()}
     document, _ = read_yaml(yaml_text(declared), "")
     assert document is not None
@@ -115,8 +114,7 @@ def with_settings(catalog: Catalog, settings: Mapping[str, str]) -> Catalog:
     def changed(service: Service) -> Service:
         if service.meta or service.always_on:
             return service
-        mine = {key: value for key, value in changes.items() if not (key == "prewarm" and service.driver)}
-        return replace(service, idle=idle_of(mine, service.idle))
+        return replace(service, idle=idle_of(changes, service.idle))
 
     return replace(catalog, services={name: changed(service) for name, service in catalog.services.items()})
 

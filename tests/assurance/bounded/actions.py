@@ -178,12 +178,7 @@ def the_idle_linger(watch: Watch) -> None:
     if action.verb not in ("stop", "pause") or service is None or name not in watch.unwanted:
         return
     rivals = service.exclusive or watch.robot.desired.conflicts[name] or name in situation.preempted
-    pressed = (
-        watch.robot.memory.pressure.engaged
-        or watch.robot.learned
-        or name in situation.unplugged
-        or name in situation.excluded
-    )
+    pressed = watch.robot.memory.pressure.engaged or name in situation.unplugged or name in situation.excluded
     moved = any(c.id == action.container and c.joined for c in situation.observed.of(name)) or service.needs
     running = any(c.active for c in situation.observed.of(name)[:1])
     if not (rivals or pressed or moved or not running or action.part_of or action.surplus):

@@ -47,26 +47,6 @@ def same_as_anew(read: Inputs, found: Decision) -> None:
 
 
 @at("pass")
-def prewarming_takes_nothing_from_requests(watch: Watch) -> None:
-    """What is prewarmed changes nothing of what is requested: who is wanted for it, who is preempted, and what is done
-    for it now."""
-    read, found = watch.robot.read, watch.robot.decision
-    if not (watch.robot.learned and watch.eventful):
-        return
-    plain = decide(replace(read, cache=None, learned=None))
-    wanted, more = plain.situation.wanted, found.situation.prewarmed
-    assert {n: c for n, c in found.situation.wanted.items() if n not in more} == wanted
-    assert found.situation.preempted == plain.situation.preempted
-    assert found.settled == plain.settled
-    for of in (lambda d: d.plan.actions, lambda d: d.plan.waitings):
-        assert [a for a in of(found) if a.service in wanted] == [a for a in of(plain) if a.service in wanted]
-    begun, plainly = ({(a.verb, a.service) for a in d.begin} for d in (found, plain))
-    assert {a for a in plainly if a[1] in wanted} <= begun, "it begins later"
-    assert not more or not (found.memory.pressure.engaged or found.situation.suspended)
-    assert not more & {*found.holds}
-
-
-@at("pass")
 def the_status_says_what_was_decided(watch: Watch) -> None:
     """The status that rorg updates in place says the same as one that is written from nothing."""
     watch.snapshots.note(watch.robot.decision)
@@ -171,9 +151,8 @@ def the_wanted_follow_the_rule(watch: Watch) -> None:
         rule.add(name)
         pending += watch.services[name].needs
         pending += [m for r in requests if r.requester == name for s in r.services for m in catalog.members(s)]
-    found = situation.wanted.keys() - situation.prewarmed
     if not watch.robot.memory.pressure.shed and not situation.withheld:
-        assert found == rule, f"wanted: {sorted(found)}, by the rule: {sorted(rule)}"
+        assert situation.wanted.keys() == rule, f"wanted: {sorted(situation.wanted)}, by the rule: {sorted(rule)}"
 
 
 @at("pass")

@@ -26,7 +26,7 @@ TIMES = frozenset(
     )
 )
 """Fields with a time of the loop's clock."""
-LEFT_OUT = frozenset(("admitted", "prediction", "pressure", "crashes", "stopped", "start_number"))
+LEFT_OUT = frozenset(("admitted", "pressure", "crashes", "stopped", "start_number"))
 """Fields that follow from others, that no world of the alphabet changes, or that are only told. `stopped` is added
 apart, without containers that are gone, and of `start_number` the order."""
 MARK = re.compile(

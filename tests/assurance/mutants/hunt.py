@@ -48,7 +48,6 @@ SUITE = (
     "process/test_diff",
     "unit/manifest/test_machines",
     "docker/test_secrets",
-    "unit/daemon/test_prewarm",
     "process/test_observe",
     "docker/test_verdicts",
     "process/test_confirmation",

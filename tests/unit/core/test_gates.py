@@ -150,14 +150,15 @@ def test_a_task_that_was_removed_has_nothing_to_join():
     assert found == [". wait arm base is not running (ended)"]
 
 
-@pytest.mark.parametrize("prewarmed", [frozenset(), frozenset({"arm"})], ids=["requested", "prewarmed"])
-def test_what_is_only_prewarmed_holds_back_no_removal(prewarmed):
+@pytest.mark.parametrize("joined", [True, False], ids=["wanted", "unwanted"])
+def test_what_is_wanted_and_still_joined_holds_back_a_removal(joined):
     old = box(id="old", name="base.1", state="exited", spec={"image": "y"})
     arm = box("arm", "exited", JOINED.spec, joined='{"base": "old"}')
     later = Progress(attempts={"create": Attempt(at=NOW + 9, error="no")})
-    found = planned(BASE, JOINED, seen=(box(), old, arm), known={"arm": later}, prewarmed=prewarmed)
-    assert (". wait base arm is still joined to its container" in found) is not prewarmed
-    assert ("- remove base" in found) is bool(prewarmed)
+    wanted = WANTS_ARM["wanted"] if joined else {}
+    found = planned(BASE, JOINED, seen=(box(), old, arm), known={"arm": later}, wanted=wanted)
+    assert (". wait base arm is still joined to its container" in found) is joined
+    assert ("- remove base" in found) is not joined
 
 
 # -- lingering -------------------------------------------------------------------------------------------------

@@ -288,8 +288,6 @@ def remembers(name: str, **changes: Any) -> dict[str, Any]:
         {"wanted": {**WANTED, "nav": (Cause("needed", "x"),)}},
         {"wanted": {}},
         {"urgent": frozenset({"nav"})},
-        {"prewarmed": frozenset({"nav"})},
-        {"urgent": frozenset({"nav"}), "prewarmed": frozenset({"nav"})},
         {"priorities": {"nav": 90}},
         {"interlocks": {"nav": "it moves"}},
         {"measures": Measures(hurry=True)},

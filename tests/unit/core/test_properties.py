@@ -32,7 +32,6 @@ from rorg.daemon.snapshot import Snapshots, snapshot
 from rorg.errors import Invalid, RorgError
 from rorg.manifest.load import load_or_raise
 from rorg.model.catalog import Catalog, Request
-from rorg.model.learned import Departure, Learned
 from rorg.model.units import stamp
 from rorg.tools.sim.robot import SimRobot
 
@@ -280,9 +279,6 @@ def test_what_is_joined_follows_what_it_joins(specs, option, events):
 @pytest.mark.parametrize("case", sorted(ROBOTS.glob("*.json")), ids=lambda path: path.stem)
 def test_a_robot_that_failed_once_does_not_again(case):
     found = json.loads(case.read_text())
-    if "departures" in found:
-        listed = found["departures"].items()
-        found["departures"] = {tuple(k.split()): tuple(Departure(at, tuple(to)) for at, to in v) for k, v in listed}
     globals()[found.pop("property")].hypothesis.inner_test(**found)
 
 
@@ -347,35 +343,13 @@ def test_services_that_wait_for_their_next_try_cost_little(tmp_path):
     assert sum(costs) < 2 * len(costs)
 
 
-FOLLOWING = st.lists(
-    st.builds(
-        Departure, st.sampled_from([0.5, 2.0, 4.0, 12.0, 60.0]), st.sampled_from(NAMES).map(lambda name: (name,))
-    ),
-    min_size=1,
-    max_size=2,
-).map(lambda departures: tuple(departures * 5))
-LEARNED = st.fixed_dictionaries({names: FOLLOWING for names in [(), *((name,) for name in NAMES)]})
-
-
-@pytest.mark.slow
-@WHOLE
-@given(services(), POLICIES, EVENTS, LEARNED, st.sets(st.sampled_from(NAMES), min_size=5))
-def test_what_is_prewarmed_is_in_nobodys_way(specs, policy, events, departures, warm):
-    for name in sorted(warm):
-        spec = {k: v for k, v in specs[name].items() if k not in ("interlock", "driver", "exclusive")}
-        specs[name] = {**spec, "exclusive": {}, "idle": {**spec["idle"], "prewarm": 0.2}}
-    events = [("request", NAMES[5], 1.0), *events[:4], ("release", NAMES[5], 1.0), *events[4:]]
-    live_through(specs, policy, events, learned=Learned({"developer": departures}))
-
-
-def live_through(specs, policy, events, uses=None, learned=None):
+def live_through(specs, policy, events, uses=None):
     with tempfile.TemporaryDirectory() as folder:
         world = World(Path(folder), specs, policy, uses or {})
         try:
             robot = Reader(world.load())
         except Invalid:
             reject()  # by chance all of it could never be active together
-        robot.learned = learned
         end = 0.0
         for verb, name, pause in events:
             end += pause

@@ -34,12 +34,12 @@ def test_settings_hold_for_all_that_is_not_always_on(tree):
     found = variant("linger=20s,idle=pause", tree)
     assert found.name == "linger=20s,idle=pause"
     assert idle(found) == {"base": ("stop", 3.0), "camera": ("pause", 20.0), "arm": ("pause", 20.0)}
-    kept = variant("warm=prewarm=auto", tree)
-    assert kept.name == "warm"
+    kept = variant("busy=min_active=1m", tree)
+    assert kept.name == "busy"
     assert idle(kept) == idle(variant(str(tree.root), tree)), "what is not set is as it was"
-    assert {n: s.idle.prewarm > 0 for n, s in kept.catalog.services.items()} == {
-        **dict.fromkeys(("developer", "base"), False),
-        **dict.fromkeys(("camera", "arm"), True),
+    assert {n: s.idle.min_active for n, s in kept.catalog.services.items()} == {
+        **dict.fromkeys(("developer", "base"), 0.0),
+        **dict.fromkeys(("camera", "arm"), 60.0),
     }
 
 
