@@ -66,6 +66,12 @@ class Idle(Strict):
         unset="pause",
     )
 
+    @model_validator(mode="before")
+    @classmethod
+    def _without_effect(cls, value: object) -> object:
+        """Drops `prewarm`, so that a tree that still says it loads for one more version; validation warns of it."""
+        return {key: v for key, v in value.items() if key != "prewarm"} if isinstance(value, dict) else value
+
 
 class Budget(Strict):
     """The most that all programs of the machine together should use."""

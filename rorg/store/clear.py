@@ -24,7 +24,7 @@ FILES = (
     ".process-images.lock",
     "wakeup",
     NAME,
-    "learned.json",  # of 0.1, which nothing reads any more
+    "learned.json",  # of an earlier version; nothing reads it
     SPARE,
 )
 LOCKS = ("instance.lock", ".requests.lock", "owner.json", "lock")

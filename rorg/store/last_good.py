@@ -21,6 +21,9 @@ from rorg.store.state_dir import read_json
 NAME = ".services.last-good.json"
 UNREADABLE = (ValueError, LookupError, TypeError, AttributeError, RecursionError)
 """What a file raises that another version wrote, or that was damaged."""
+RETIRED = frozenset(("prewarm",))
+"""Fields that an earlier version wrote and that have no effect. An upgrade that refused them would forget what was
+removed from the tree, and could not begin with a tree that has errors."""
 T = TypeVar("T")
 
 
@@ -109,7 +112,7 @@ def _value(kind: Any, plain: Any) -> Any:
     if isinstance(plain, dict):
         made: Any = next(filter(is_dataclass, kinds), None)
         if made:
-            return made(**{name: _value(_hints(made)[name], value) for name, value in plain.items()})
+            return made(**{name: _value(_hints(made)[name], v) for name, v in plain.items() if name not in RETIRED})
         values = next((get_args(k)[1] for k in kinds if get_origin(k) is Mapping), Any)
         return plain if values is Any else {name: _value(values, value) for name, value in plain.items()}
     return plain

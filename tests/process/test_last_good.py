@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
+from hashlib import sha256
 
 import pytest
 from common import ROOT, wait_for
 from rorg_process import RorgProcess
 
 from rorg.manifest.load import load
-from rorg.model.former import Kept
-from rorg.store.last_good import NAME, read_last_catalog, write_kept
+from rorg.model.catalog import Service
+from rorg.model.former import Former, Kept
+from rorg.store.last_good import NAME, read_kept, read_last_catalog, write_kept
 
 
 @pytest.fixture
@@ -68,6 +70,22 @@ def test_what_another_version_wrote_is_left_alone(robot):
     robot.start()
     wait_for(lambda: robot.client(patience=30).status()["tree"]["errors"])
     assert {s["service"] for s in robot.client().services()} == {"developer"}
+
+
+def test_what_an_earlier_version_wrote_of_prewarming_is_ignored(tmp_path):
+    catalog = load(ROOT / "manifests").catalog
+    former = {"bell": Former(Service("bell", spec={"image": "bell"}), groups=("all",))}
+    write_kept(tmp_path, Kept(catalog, former))
+    path = tmp_path / NAME
+    content = json.loads(path.read_text())
+    del content["digest"]
+    for service in (*content["last"]["services"].values(), content["former"][0]["service"]):
+        service["idle"]["prewarm"] = 0.2
+    path.write_text(json.dumps({"digest": sha256(json.dumps(content).encode()).hexdigest(), **content}))
+    assert read_last_catalog(tmp_path) == catalog
+    kept = read_kept(tmp_path)
+    assert kept.catalog is not None
+    assert (kept.catalog.services, kept.former) == (catalog.services, former)
 
 
 def test_a_whole_catalog_comes_back_as_it_was(tmp_path):

@@ -41,6 +41,7 @@ INFRASTRUCTURE = {
 the program resumes."""
 DDS_LEASE = 20.0
 """Seconds after which Fast DDS gives up a node that is silent (measured: docs/how-to/ros2.md)."""
+PREWARM = ("spec", "idle", "prewarm")
 LATCHED = frozenset(("map_server", "static_transform_publisher", "robot_state_publisher", "tf2_ros"))
 
 
@@ -166,4 +167,15 @@ def _never_paused(subject: Subject) -> Iterator[Finding]:
         yield Finding("connected-without-pause", subject.at("idle", "connected"), message)
 
 
-CHECKS = (_infrastructure, _actuators, _nodes, _callees, _leaving, _servers, *map(each, (_never_paused, _lingering)))
+def _prewarmed(robot: Robot) -> Iterator[Finding]:
+    """Services, profiles and Policies that still say `prewarm`."""
+    for source in (source for by_name in robot.sources.values() for source in by_name.values()):
+        if PREWARM in source.document.values:
+            message = f"`prewarm` of the {source.kind} '{source.name}' has no effect"
+            yield Finding("prewarm-without-effect", source.where(*PREWARM, key=True), message)
+
+
+CHECKS = (
+    *(_infrastructure, _actuators, _nodes, _callees, _leaving, _servers, _prewarmed),
+    *map(each, (_never_paused, _lingering)),
+)

@@ -80,6 +80,8 @@ pause-of-latched-publisher: Late subscribers never receive the map or the transf
   try idle: {action: stop}, or {action: pause, connected: stop}, or needs of those that use it
 connected-without-pause: `connected` says what to do instead of a pause, but this service is never paused.
   try idle: {action: pause, connected: stop}
+prewarm-without-effect: rorg starts a service only when something requests or needs it. A later version refuses the key.
+  try to drop it
 pause-of-ros2-node (once): DDS gives up a node 20 s after the pause. Its name does not come back, and calls are
   lost.
   try idle: {action: stop}, or {action: pause, connected: stop}, or escalate after at most 20s
