@@ -54,6 +54,7 @@ NUMBERS = {"all pass": 0, "three cases fail": 3}
 """What the first contribution says of a run of tests -> how many fail."""
 
 
+@pytest.mark.slow
 def test_the_first_contribution_is_what_contributing_says(tmp_path):
     """Its commands, on a copy: what a newcomer meets first must not be about words that are gone."""
     text = (ROOT / "CONTRIBUTING.md").read_text().partition("## Your first contribution")[2].partition("\n## ")[0]

@@ -20,8 +20,9 @@ TREE = {"alpha": ALPHA, "bridge": BRIDGE, "camera": {}, "lidar": {}}
 
 
 @pytest.fixture
-def robot(tmp_path):
-    found = RealRobot(tmp_path, "process", None, with_server=True)
+def robot(tmp_path_factory):
+    # A folder named after its test is too long for the path of a socket.
+    found = RealRobot(tmp_path_factory.mktemp("robot"), "process", None, with_server=True)
     found.declare(TREE)
     found.wait(lambda: {"alpha", "bridge"} <= found.active())
     yield found

@@ -192,7 +192,7 @@ def test_a_service_that_floods_is_told_to_wait_and_others_are_not(robot, kind): 
         wait_for(lambda: kind in ("no HTTP", "reads") or 429 in statuses, 30)
         robot.others()
     # What is let through is told, so many lines a second.
-    assert robot.log() - said < 20_000 + 4_000 * (time.monotonic() - began)
+    assert robot.log() - said < 40_000 + 4_000 * (time.monotonic() - began)
     assert set(statuses) <= {200, 204, 400, 409, 422, 429}
     with connect(robot.socket("alpha")) as connection:
         wait_for(lambda: (connection.sendall(FLOODS["reads"](0)), answer(connection)[9:12] == b"200")[1], 10)

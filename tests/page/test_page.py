@@ -322,6 +322,7 @@ def test_a_question_for_the_head_alone_is_answered_like_any_other(ui):
         assert ask(ui, "HEAD", path, cookie=cookie(ui), timeout=5.0) == (200, "")
 
 
+@pytest.mark.slow
 def test_half_a_question_holds_nothing_for_long(ui):
     """As many connections as the page's server may have files open, without a token."""
     place = urlsplit(ui.origin)

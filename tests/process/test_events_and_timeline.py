@@ -101,7 +101,9 @@ def of(message: protobuf.Message):
     return st.fixed_dictionaries({first.name: kinds[first.type]}, optional=fields)
 
 
-STRANGE = st.dictionaries(st.sampled_from(["later", "kind", "services", "seconds"]), st.none() | st.integers() | TEXT)
+WHOLE = st.integers(-(1 << 53), 1 << 53)
+"""Numbers that a double has, too."""
+STRANGE = st.dictionaries(st.sampled_from(["later", "kind", "services", "seconds"]), st.none() | WHOLE | TEXT)
 RECORDS = of(protobuf.REVISION).map(lambda value: {"revision": value}) | st.tuples(of(protobuf.EVENT), STRANGE).map(
     lambda both: {"event": {**both[0], **both[1]}}
 )

@@ -16,6 +16,8 @@ from robots import RealRobot
 from rorg.model.catalog import Hold, Request
 from rorg.store.requests_document import RequestsDocument
 
+pytestmark = pytest.mark.slow  # each command twice, with and without a running rorg
+
 SERVICES = {
     "roscore": {},
     "navigation": {"needs": ["roscore"]},

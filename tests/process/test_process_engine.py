@@ -78,9 +78,10 @@ def test_no_program_starts_whose_run_the_disk_does_not_take(tmp_path):
         assert engine.inspect(container).state == "created"
         (disk / "log").unlink()
         engine.start(container)
-        wait_for((tmp_path / "begun").exists)
+        begun = tmp_path / "begun"
+        wait_for(lambda: begun.exists() and begun.read_text())
         engine.stop(container, "SIGKILL", 0)
-        assert (tmp_path / "begun").read_text() == "begun\n"
+        assert begun.read_text() == "begun\n"
 
 
 def _state(pid: int) -> str:
@@ -120,6 +121,7 @@ def numbers(text: bytes) -> list[int]:
     return [int(line) for line in text.splitlines() if line.strip().isdigit()]
 
 
+@pytest.mark.slow
 def test_the_log_of_a_program_that_never_stops_talking_is_kept_small(engine):
     stop, followed = threading.Event(), []
     threading.Thread(target=lambda: list(engine.events(stop)), daemon=True).start()
@@ -404,6 +406,7 @@ def test_restarts_of_a_crashing_service_leave_nothing(tmp_path):
     assert all(_state(int(pid)) in "ZX" for pid in pids)
 
 
+@pytest.mark.slow
 def test_more_services_run_than_rorg_may_have_files_open(tmp_path):
     """Each run had a descriptor, until none was left for manifests, the status and the next start."""
     services = {f"s{number:02}": {"always_on": True} for number in range(MANY)}

@@ -42,6 +42,14 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
         _running.clear()
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_teardown(nextitem: pytest.Item | None) -> Iterator[None]:
+    """The last test takes down what the tests of other folders set up, such as an engine."""
+    if nextitem is None:
+        _running.clear()
+    return (yield)
+
+
 @pytest.fixture(autouse=True)
 def processes() -> Iterator[list[str]]:
     """What a test starts, which is nothing. A thread may try as well, whose exception nobody sees."""
