@@ -135,9 +135,15 @@ def the_same_is_not_created_again(watch: Watch) -> None:
         return
     digest, step = action.operation.labels[LABEL_SPEC], watch.robot.memory.of(name)
     usable = [c for c in watch.robot.read.observed.of(name) if c.state not in ("dead", "removing")]
-    same, well = [c for c in usable if c.digest == digest and not step.spent(c)], step.update.well
+    same, well, proven = (
+        [c for c in usable if c.digest == digest and not step.spent(c)],
+        step.update.well,
+        step.update.proven,
+    )
     if well in {c.id for c in usable}:
         same = [c for c in same if c.alive or not c.started_at or well in (c.id, c.previous)]
+    if proven in {c.id for c in usable}:  # one that was made before the one that it replaces was proven has no way back
+        same = [c for c in same if c.started_at or proven in (c.id, c.previous)]
     assert not same, f"{name} has a container of this digest"
 
 
@@ -154,7 +160,7 @@ def the_good_stay_until_the_next_is_proven(watch: Watch) -> None:
         return
     rest = [c for c in situation.observed.of(name) if c.id != action.container]
     proven, drawn = watch.robot.memory.of(name).update.proven, watch.robot.memory.of(name).update.drawn
-    assert drawn or any(c.id in watch.good or c.id == proven for c in rest), f"{name} has nothing to go back to"
+    assert drawn or any(c.id in watch.well or c.id == proven for c in rest), f"{name} has nothing to go back to"
 
 
 @at("begin")

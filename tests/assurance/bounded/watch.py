@@ -120,7 +120,9 @@ class Watch:
         self.ready: dict[str, str] = {}
         """Service -> the incarnation that rorg called ready in the pass before."""
         self.good: set[str] = set()
-        """Containers that stayed well for their bake, and did not fail since."""
+        """Containers that stayed well for their bake, as all of their set did, and did not fail since."""
+        self.well: set[str] = set()
+        """The same, and those whose set is not complete yet."""
         self.tried: set[str] = set()
         """Digests of containers that have run."""
         self.leased: dict[tuple, float] = {}
@@ -143,7 +145,7 @@ class Watch:
         """Return a watch with the same evidence on a copy of the robot."""
         other = Watch.__new__(Watch)
         other.__dict__.update(self.__dict__)
-        for name in ("begun", "good", "tried", "stopped", "to_stop"):
+        for name in ("begun", "good", "well", "tried", "stopped", "to_stop"):
             setattr(other, name, {*getattr(self, name)})
         for name in ("starts", "unseen", "baked", "ready", "leased", "quarantined"):
             setattr(other, name, {**getattr(self, name)})
@@ -201,15 +203,17 @@ class Watch:
                 self.tried.add(container.digest)
             if container.incarnation in (step.exited, step.hung) or container.exit_code:
                 self.good.discard(container.id)
+                self.well.discard(container.id)
             elif (
                 container.state == "running"
                 and step.incarnation == container.incarnation
                 and container.digest == desired.digests.get(container.service)
                 and step.update.baked == step.update.edition != ""
                 and self._stayed_well(container.service)
-                and not self._set_is_incomplete(container)
             ):
-                self.good.add(container.id)
+                self.well.add(container.id)
+                if not self._set_is_incomplete(container):
+                    self.good.add(container.id)
 
     def _stayed_well(self, name: str) -> bool:
         """Whether this very run has stayed well for its bake: its edition may have been proven by an earlier one."""
