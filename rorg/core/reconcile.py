@@ -55,7 +55,7 @@ class _Reconciled:
             ended = [stop(swap.old, why, self.service)]
             return restarting(swap.old, [*ended, *self.run(swap.old, ended)])
         if current is None and self.not_to_be_made():
-            return self.cease(stale[0][0]) if stale else []
+            return [*self.clear(stale[1:], True), *self.cease(stale[0][0])] if stale else []
         steps: list[Step] = []
         new_name = ""
         if current is None:
