@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from dockerd import Dockerd
     from ros2_programs import Ros2
 
+FAILED = os.environ.pop("RORG_TEST_FAILED", "")
+"""Where .ci/twice looks for what failed. Tests that run pytest themselves do not write there."""
 OURS = "RORG_TEST_", "RORG_PROOF_"
 for _name in [name for name in os.environ if name.startswith("RORG_") and not name.startswith(OURS)]:
     del os.environ[_name]  # of whoever runs the tests: they are about robots of their own
@@ -346,12 +348,11 @@ def pytest_terminal_summary(terminalreporter, exitstatus):
     config = terminalreporter.config
     if parallel.is_worker(config):
         return  # the controller has the reports of all
-    path = os.environ.get("RORG_TEST_FAILED")
     if not parallel.all_ran(config):
         terminalreporter.write_line("A WORKER ENDED EARLY: not all tests ran", red=True, bold=True)
-    elif path and exitstatus == pytest.ExitCode.TESTS_FAILED:
+    elif FAILED and exitstatus == pytest.ExitCode.TESTS_FAILED:
         reports = [r for kind in ("failed", "error") for r in terminalreporter.stats.get(kind, ())]
-        parallel.write_failed(Path(path), reports)
+        parallel.write_failed(Path(FAILED), reports)
     if config.getoption("folders"):
         terminalreporter.section("time by folder")
         for line in _folders.lines():

@@ -116,7 +116,7 @@ def test_the_leaves_for_cpp(robot, tmp_path):
     (tmp_path / "leaves.cpp").write_text(code("cpp") + MAIN)
     program = tmp_path / "leaves"
     flags = ["-std=c++17", "-Wall", "-Wextra", "-Werror", "-pthread"]
-    where = [f"-I{ROOT / 'clients/cpp/include'}", f"-I{ROOT / 'tests'}"]
+    where = [f"-I{ROOT / 'clients/cpp/include'}", f"-I{ROOT / 'tests/clients'}"]
     subprocess.run([tool("g++"), *flags, *where, tmp_path / "leaves.cpp", "-o", program], check=True)
     environment = {**os.environ, "RORG_SOCKET": robot.socket()}
     with subprocess.Popen(
