@@ -109,11 +109,10 @@ class Swap:
 
 
 def is_untried(view: View, name: str, container: Container) -> bool:
-    """Return whether a container of the desired edition has no way back to the one that stayed well last: it was made
-    before that one had, or ran without it. It is made anew, on trial."""
-    update = view.s.memory.of(name).update
-    well = update.well if container.started_at else update.proven
-    if container.alive or container.id == well or container.previous == well:
+    """Return whether a container of the desired edition ran, but another one stayed well last, to which it has no way
+    back. It is made anew, on trial."""
+    well = view.s.memory.of(name).update.well
+    if container.alive or not container.started_at or container.id == well or container.previous == well:
         return False
     others = (c for c in view.of(name) if c.id == well and not c.lost)
     return container.digest == view.desired.digests[name] and any(others)

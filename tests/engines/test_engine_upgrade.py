@@ -30,7 +30,7 @@ def folder():
 def test_a_robot_goes_on_after_its_docker_was_upgraded(folder, live, tmp_path):
     old = Dockerd(folder)
     new = NewerDocker.__new__(NewerDocker)
-    new.folder, new.host, new.process = old.folder, old.host, None
+    new.folder, new.host, new.process, new.addresses = old.folder, old.host, None, old.addresses
     old.options = new.options = LIVE if live else ()
     old.start()
     try:

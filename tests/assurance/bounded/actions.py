@@ -135,15 +135,9 @@ def the_same_is_not_created_again(watch: Watch) -> None:
         return
     digest, step = action.operation.labels[LABEL_SPEC], watch.robot.memory.of(name)
     usable = [c for c in watch.robot.read.observed.of(name) if c.state not in ("dead", "removing")]
-    same, well, proven = (
-        [c for c in usable if c.digest == digest and not step.spent(c)],
-        step.update.well,
-        step.update.proven,
-    )
+    same, well = [c for c in usable if c.digest == digest and not step.spent(c)], step.update.well
     if well in {c.id for c in usable}:
         same = [c for c in same if c.alive or not c.started_at or well in (c.id, c.previous)]
-    if proven in {c.id for c in usable}:  # one that was made before the one that it replaces was proven has no way back
-        same = [c for c in same if c.started_at or proven in (c.id, c.previous)]
     assert not same, f"{name} has a container of this digest"
 
 
