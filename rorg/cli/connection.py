@@ -37,6 +37,8 @@ class Connection:
         self._client: Client | None = None
         self._unanswered: Unreachable | None = None
         """Why the running rorg did not answer; then it is not asked again."""
+        self._reached = False
+        """Whether the first call was answered."""
         self.silence = ""
         """Why the running rorg does not know what runs, if it was asked: its engine does not answer."""
         self.notices = Notices()
@@ -110,15 +112,26 @@ class Connection:
             if engine.get("silent_since"):
                 self.silence = str(engine["error"])
                 self.notices.say(f"{self.silence}; states are those seen last")
-            self._client = client
+            self._client, self._reached = client, bool(engine)
         return self._client
 
     def await_start(self, seconds: float) -> None:
         """Returns when an rorg serves here, or none is starting. Another robot's rorg that starts counts as well: until
         it is up, nothing tells them apart."""
         end = time.monotonic() + min(seconds, STARTING)
-        while self.client() is None and is_starting() and time.monotonic() < end:
+        while not self._answers() and is_starting() and time.monotonic() < end:
             time.sleep(0.05)
+
+    def _answers(self) -> bool:
+        """Whether an rorg answers here. One that was killed leaves its socket, until the next one has its own."""
+        try:
+            found = self.client() is not None
+        except Unreachable:
+            self._unanswered = None
+            return False
+        if not self._reached:
+            self._client = None  # the next call tries again
+        return found and self._reached
 
     def serving(self, what: str) -> Client:
         """The same; raises Unreachable if none serves."""

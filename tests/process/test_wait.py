@@ -6,12 +6,18 @@ import os
 import pty
 import re
 import signal
+import subprocess
+import sys
+import threading
 import time
 
 import pytest
 from common import wait_for
+from rorg_process import RorgProcess
 from thin_commands import rorg
 from waiting_commands import SERVICES, begin, read, ready, requests, robot  # noqa: F401
+
+from rorg.store.state_dir import StateDir
 
 # -- what cannot be ------------------------------------------------------------------------------------------------
 
@@ -98,3 +104,22 @@ def test_progress_is_for_terminals_alone(robot, ready):  # noqa: F811
     ready.touch()
     out, said = process.communicate(timeout=30)
     assert (process.returncode, out, said) == (0, "request 'nav' of developer: nav\n", "")
+
+
+@pytest.mark.slow
+def test_a_wait_goes_on_over_the_socket_of_an_rorg_that_was_killed(tmp_path):
+    """While the next one has the state directory, and takes three seconds to serve, as on a busy machine."""
+    alpha = RorgProcess(tmp_path, {"alpha": {"always_on": True}})
+    words = [sys.executable, "-m", "rorg", "wait", "alpha", "--state-dir", str(alpha.state)]
+    try:
+        for slow in (False, True):
+            process = alpha.start(env=dict(os.environ)).process
+            if slow:
+                wait_for(lambda pid=process.pid: (StateDir(alpha.state).owner() or {}).get("pid") == pid)
+                process.send_signal(signal.SIGSTOP)
+                threading.Timer(3.0, process.send_signal, [signal.SIGCONT]).start()
+            done = subprocess.run(words, capture_output=True, text=True, timeout=60)
+            assert done.returncode == 0, done.stderr
+            alpha.stop(kill=True)
+    finally:
+        alpha.close()
