@@ -50,9 +50,10 @@ def command(
     state_dir: StateDirectory = None,
 ) -> None:
     """Check manifests and report every mistake with file:line:column, for the base and for each robot with an
-    overlay, or for --robot alone. With --engine, also report what that engine cannot do; for process, missing
-    directories and programs. Without manifests here, check those of the running rorg. Each finding has a code in
-    brackets: docs/reference/findings.md explains its effect and how a comment allows it.
+    overlay, or for --robot alone. With --engine process, also report missing directories and programs; with
+    --machine, also what this machine and its engine cannot do. Without manifests here, check those of the running
+    rorg. Each finding has a code in brackets: docs/reference/findings.md explains its effect and how a comment
+    allows it.
 
     Example: rorg validate manifests
     """
