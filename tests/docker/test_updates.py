@@ -279,7 +279,7 @@ def test_a_mended_manifest_is_tried_at_once(docker_robot):
     bad = {"container": {"devices": ["/dev/nosuch:/dev/nosuch"]}}
     robot.declare({"arm": {"always_on": True, **bad}, "cam": {"always_on": True, "image": "nosuch"}})
     # Until the next attempt is some seconds away.
-    robot.wait(lambda: robot.loop.running.memory.of("arm").retry_at > robot.loop.clock() + 3.5, 60)
+    robot.wait(lambda: robot.loop.running.memory.of("arm").retry_at > robot.loop.clock() + 7.0, 60)
     robot.wait(lambda: "cannot be pulled" in robot.waits("cam"))
     until = robot.loop.running.memory.of("arm").retry_at
     wait_for(lambda: "again in" in diff(robot), 5, "diff says that the start waits")
