@@ -58,7 +58,7 @@ PARALLEL := --dist loadfile --max-worker-restart 0 -rfEs
 # The seed is fixed, so that everyone's run is the same; RORG_TEST_SEED=2 for other random examples. WORKERS=4 for more
 # workers than cores. The tests begin hundreds of processes, in some of which the environment forbids to keep what was
 # compiled.
-test: $(VENV)/test-installed ## lint, types, and the quick tests: 3 minutes, no Docker needed; ARGS=tests/unit for some
+test: $(VENV)/test-installed ## lint, types, and the quick tests: 5 minutes, no Docker needed; ARGS=tests/unit for some
 	@$(BIN)/python -m compileall -q rorg clients/python
 	RORG_TEST_SEED=$(or $(RORG_TEST_SEED),1) $(BIN)/pytest $(or $(ARGS),-n $(or $(WORKERS),auto) $(PARALLEL) --no-loadscope-reorder -m "smoke or not (slow or docker)")
 
