@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 from rorg.core.desired import Desired
 from rorg.core.memory import NONE, STALLED_AFTER, Progress
 from rorg.core.observed import Observed
-from rorg.core.rollout import candidate, fits
+from rorg.core.probes_in_force import fits
+from rorg.core.trial import candidate
 from rorg.core.update import Update
 from rorg.model.catalog import Service
 
@@ -86,7 +87,8 @@ class _Judge:
         containers, wanted = self.observed.of(name), name in self.wanted
         pair = candidate(containers, update)
         if pair and fits(pair[0], name, self.desired):
-            return _Changing(name, wanted, pair[0].id, update.baked == update.edition)
+            well = update.baked == update.edition and update.well == pair[0].id
+            return _Changing(name, wanted, pair[0].id, well)
         new = next((c for c in containers if fits(c, name, self.desired)), None)
         if not containers or (new and not containers[0].alive) or new is containers[0]:
             return None

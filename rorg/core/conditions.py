@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from rorg.core.idle import risks
 from rorg.core.memory import STALLED_AFTER, Progress
 from rorg.core.plan import Action
-from rorg.core.rollout import candidate, has_come_up
+from rorg.core.rollout import has_come_up
 from rorg.core.ros_graph import graph_of
 from rorg.core.situation import Situation
+from rorg.core.trial import candidate
 from rorg.core.wanted import Link
 from rorg.model.catalog import Service
 from rorg.model.machines import ANYWHERE

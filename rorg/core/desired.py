@@ -141,11 +141,6 @@ def _probes(service: Service) -> dict[str, Any]:
     return {"ready": service.ready and _probe_fields(service.ready), **live}
 
 
-def live_digest(service: Service) -> str:
-    """Return what tells the `live` probe of a service from others."""
-    return digest(_probe_fields(service.live)) if service.live else "none"
-
-
 def _probe_fields(probe: Probe) -> dict[str, Any]:
     """Return the fields of a probe for an edition, in the form of earlier versions of rorg, so that services proven
     then need not be proven again: `graph` is called `master`, and `parts` is left out if empty."""

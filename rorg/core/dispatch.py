@@ -156,5 +156,5 @@ def _finished(progress: Progress, outcome: Outcome, now: float) -> Progress:
         progress = progress.attempting(operation, attempt)
         progress = replace(progress, error=next((t.error for t in progress.attempts.values() if t.error), ""))
     if isinstance(operation, Signal) and not error and progress.update.run == operation.incarnation:
-        progress = replace(progress, update=replace(progress.update, content=operation.content))
+        progress = replace(progress, update=replace(progress.update, content=operation.content, since=now))
     return replace(progress, begun=None) if isinstance(operation, Start) and error else progress

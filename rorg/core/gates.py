@@ -176,8 +176,8 @@ def _parameters(view: View, service: Service) -> Passage:
 
 def _ready_at(view: View, need: str) -> float | None:
     """Return when a needed service becomes ready by its delay alone."""
-    services = view.desired.catalog.services
-    progress, ready = view.s.memory.of(need), services[need].ready if need in services else None
+    ready = view.s.with_probes_in_force(need).ready if need in view.desired.catalog.services else None
+    progress = view.s.memory.of(need)
     if ready and ready.delay is not None and progress.running_since is not None:
         return progress.running_since + ready.delay
     return None
@@ -197,7 +197,7 @@ def unready(view: View, service: Service, blocked: Reason, planned: Collection[O
         return ""
     if progress.running_since is None:
         return f"is not running ({progress.error or 'ended'})"
-    ready = service.ready
+    ready = view.s.with_probes_in_force(service.name).ready
     if ready is not None and ready.completed:
         return Timed("has not ended (", progress.running_since, ")")
     seconds = None if ready is None else ready.timeout if ready.delay is None else ready.delay

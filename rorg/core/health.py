@@ -16,7 +16,8 @@ def health_of(situation: Situation, name: str, ready: bool, reason: str, image: 
     if name not in situation.wanted:
         return kept_out(situation, name) or Health.IDLE
     progress = situation.memory.of(name)
-    is_lost = reason == "NoContainer" and progress.update.is_rejected  # what failed is not run again
+    is_rejected = progress.update.is_rejected(situation.desired.digests[name])
+    is_lost = reason == "NoContainer" and is_rejected  # what failed is not run again
     if image == NO_IMAGE or is_lost or (not ready and progress.stalled):
         return Health.DEGRADED
     if ready and not image:

@@ -13,8 +13,10 @@ from functools import lru_cache
 
 from rorg.core.observed import Container
 from rorg.core.plan import Waiting
-from rorg.core.rollout import came_up_at, candidate, fits, has_come_up, went_back
+from rorg.core.probes_in_force import fits
+from rorg.core.rollout import came_up_at, has_come_up
 from rorg.core.situation import View
+from rorg.core.trial import candidate, went_back
 from rorg.model.catalog import Service, Spec
 from rorg.model.joining import ends_with, resolved
 

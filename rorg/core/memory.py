@@ -39,6 +39,8 @@ class ProbeResult:
     message: str = ""
     failures: int = 0
     """Consecutive failures."""
+    probe: Probe | None = None
+    """What it answers."""
 
 
 def together(probe: Probe, results: Sequence[ProbeResult | None]) -> ProbeResult | None:
@@ -47,8 +49,10 @@ def together(probe: Probe, results: Sequence[ProbeResult | None]) -> ProbeResult
     The whole is ok if all are, and as old as the oldest. None if there is no result at all.
     """
     known = [result for result in results if result is not None]
-    if not known or len(results) == 1:
-        return results[0]
+    if not known:
+        return None
+    if len(results) == 1:
+        return replace(known[0], probe=probe)
     problems = [
         f"{part} has not answered yet" if result is None else result.message
         for part, result in zip(probe.questions, results, strict=True)
@@ -60,6 +64,7 @@ def together(probe: Probe, results: Sequence[ProbeResult | None]) -> ProbeResult
         min(result.at for result in known),
         "; ".join(dict.fromkeys(problems)),
         max(result.failures for result in known),
+        probe,
     )
 
 

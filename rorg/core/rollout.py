@@ -1,9 +1,6 @@
 """Rollout of a new container: the previous one is kept until the new one is ready and has stayed well for its bake.
 Otherwise rorg goes back to the previous one and quarantines what failed: it is not tried again until it changes or a
 person runs `rorg retry`.
-
-A new container carries the id of the previous one in a label, so after a crash of rorg the next run knows which is
-which.
 """
 
 from __future__ import annotations
@@ -13,15 +10,16 @@ from dataclasses import dataclass, replace
 from math import inf
 
 from rorg.core.changes import updated
-from rorg.core.desired import Desired, live_digest
-from rorg.core.diff import difference
-from rorg.core.liveness import denies_life, is_live_untried
+from rorg.core.desired import Desired
+from rorg.core.liveness import denies_life, is_of_run
 from rorg.core.memory import NO_ANSWER, STABLE, Memory, ProbeResult, Progress
 from rorg.core.observed import Container
 from rorg.core.operations import Start
 from rorg.core.plan import Action
+from rorg.core.probes_in_force import fits, is_as_proven, is_live_untried, is_ready_untried
 from rorg.core.transitions import Evidence
-from rorg.core.update import Update
+from rorg.core.trial import candidate, went_back
+from rorg.core.update import LastGood
 from rorg.model.catalog import Service
 from rorg.model.units import format_seconds
 
@@ -30,18 +28,6 @@ GOING = 30.0
 stopped."""
 TRIAL = 2.0
 """Seconds of running after which a service without a readiness probe has come up."""
-
-
-def candidate(containers: Sequence[Container], update: Update) -> tuple[Container, Container] | None:
-    """Return (new container, previous one) while the new one is not proven."""
-    known = {c.id: c for c in containers}
-    return next(((c, known[c.previous]) for c in containers if c.previous in known and c.id != update.proven), None)
-
-
-def went_back(new: Container, old: Container) -> bool:
-    """Return whether the previous container runs again after the new one was tried. rorg stops the previous one before
-    it starts the new one, so it was rorg that went back."""
-    return old.alive and not new.alive and bool(new.started_at or new.error)
 
 
 def came_up_at(progress: Progress, service: Service) -> float | None:
@@ -64,14 +50,6 @@ def _is_asked(service: Service) -> bool:
     return service.ready is not None and service.ready.delay is None
 
 
-def fits(container: Container, name: str, desired: Desired) -> bool:
-    """Return whether a container matches its manifest, so that no new one is needed."""
-    if container.digest == desired.digests[name]:
-        return True
-    spec = desired.catalog.services[name].options
-    return not difference(container, spec, desired.digests[name], desired.declared[name]).recreate
-
-
 def renewed(progress: Progress, edition: str, now: float) -> Progress:
     """Start a new edition of a service without back-off and with new probe results."""
     update = progress.update
@@ -79,7 +57,7 @@ def renewed(progress: Progress, edition: str, now: float) -> Progress:
         return progress
     if not update.edition:
         return replace(progress, update=replace(update, edition=edition))
-    update = replace(update, edition=edition, since=now, interrupted=0, earlier_run=progress.incarnation)
+    update = replace(update, edition=edition, since=now, interrupted=0)
     update = replace(update, failed_at=-inf)  # that was another edition
     return replace(progress, exits=0, attempts={}, error="", update=update)
 
@@ -156,22 +134,25 @@ def _judged(progress: Progress, service: Service, desired: Desired, evidence: Ev
 def _judged_alone(
     progress: Progress, service: Service, current: Container, desired: Desired, evidence: Evidence
 ) -> Progress:
-    """Judge a service without a previous container. If only its probes changed, they decide about the running
-    container: if they do not answer in time, it is no longer ready."""
+    """Judge a service without a previous container. If only its probes or files changed, the container that was proven
+    is tried with them; if it does not answer in time, the change has failed."""
     update = progress.update
-    if update.baked == update.edition or not fits(current, service.name, desired):
+    if update.baked == update.edition or update.failed or not fits(current, service.name, desired):
         return _awaiting(progress, None)
-    earlier = progress.incarnation == update.earlier_run and not update.failed
-    if earlier and is_live_untried(progress, service) and denies_life(progress, service, evidence.live):
-        assert evidence.live is not None
-        return failed(_awaiting(progress, None), f"did not answer ({evidence.live.message})", evidence.now)
+    if is_live_untried(service, update, current) and denies_life(progress, service, evidence.live):
+        message = evidence.live.message if evidence.live else ""
+        return failed(_awaiting(progress, None), f"did not answer ({message})", evidence.now)
     verdict = _verdict(progress, service, current, evidence)
     progress = _awaiting(progress, verdict.since)
     if verdict.passed:
         return _baked(progress, service, current, desired)
-    if verdict.error and earlier and progress.running_since is not None and progress.hung != progress.incarnation:
-        return replace(failed(progress, verdict.error, evidence.now), ready=False, was_ready=False, well_since=None)
-    return progress
+    if not verdict.error or progress.running_since is None or progress.hung == progress.incarnation:
+        return progress
+    if not is_as_proven(update, current):
+        return progress
+    if is_ready_untried(service, update, current):
+        return replace(failed(progress, verdict.error, evidence.now), probe="")
+    return replace(failed(progress, verdict.error, evidence.now), ready=False, was_ready=False, well_since=None)
 
 
 def _awaiting(progress: Progress, since: float | None) -> Progress:
@@ -200,9 +181,10 @@ def _verdict(progress: Progress, service: Service, current: Container, evidence:
 
 
 def bake_ends_at(progress: Progress, service: Service) -> float | None:
-    """Return when a run has been well for its bake, if nothing goes wrong; not before its edition was declared."""
+    """Return when a run has been well for its bake, if nothing goes wrong. The bake does not begin before its edition
+    is declared and its program has been told to read it."""
     return (
-        None if progress.well_since is None else max(progress.well_since + service.update.bake, progress.update.since)
+        None if progress.well_since is None else max(progress.well_since, progress.update.since) + service.update.bake
     )
 
 
@@ -233,9 +215,9 @@ def _of_a_bake(progress: Progress, service: Service, current: Container, evidenc
 
 def _answers(progress: Progress, service: Service, evidence: Evidence, since: float) -> Sequence[ProbeResult] | None:
     """Return the probe results of a run that began since; None while one is missing."""
-    asked = [evidence.ready] if _is_asked(service) else []
-    asked += [evidence.live] if service.live is not None and progress.was_ready else []
-    results = [a for a in asked if a is not None and a.incarnation == progress.incarnation and a.at >= since]
+    asked = [(service.ready, evidence.ready)] if service.ready and _is_asked(service) else []
+    asked += [(service.live, evidence.live)] if service.live is not None and progress.was_ready else []
+    results = [result for probe, result in asked if is_of_run(result, progress, probe) and result.at >= since]
     return results if len(results) == len(asked) else None
 
 
@@ -250,8 +232,8 @@ def _baked(progress: Progress, service: Service, current: Container, desired: De
         return progress
     if service.on_change != "none" and update.changed_content(current, desired.contents.get(name, {})):
         return progress  # this run has not read the present content
-    update = replace(update, baked=update.edition, well=current.id, live=live_digest(service))
-    return replace(progress, update=update)
+    last_good = LastGood(desired.digests[name], service.ready, service.live)
+    return replace(progress, update=replace(update, baked=update.edition, well=current.id, last_good=last_good))
 
 
 def failed(progress: Progress, error: str, now: float, container: str = "") -> Progress:

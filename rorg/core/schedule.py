@@ -111,7 +111,7 @@ def times_of(situation: Situation, name: str, planned: Planned) -> tuple[float, 
     plan, progress = planned.plans[name], situation.memory.of(name)
     times = [w.until for w in (*plan.waitings, *plan.notes) if w.until is not None]
     times += [] if plan.alarm is None else [plan.alarm]
-    service = situation.desired.catalog.services.get(name)
+    service = situation.with_probes_in_force(name) if name in situation.desired.catalog.services else None
     delay = service.ready.delay if service and service.ready else None
     if delay is not None and progress.running_since is not None and not progress.ready:
         times.append(progress.running_since + delay)
@@ -150,7 +150,7 @@ def targets_of(planned: Planned, name: str, asked: float | None) -> dict[str, Ta
     situation, targets = planned.situation, dict[str, Target]()
     wanted, progress = name in situation.wanted, situation.memory.of(name)
     if wanted and progress.running_since is not None:
-        service, run = situation.desired.catalog.services[name], progress.incarnation
+        service, run = situation.with_probes_in_force(name), progress.incarnation
         current = situation.observed.current(name)
         if service.ready and service.ready.delay is None:
             since = asked if progress.answered is not None and not told_since(progress, asked) else None

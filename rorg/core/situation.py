@@ -13,6 +13,7 @@ from rorg.core.memory import Memory
 from rorg.core.observed import Container, Observed
 from rorg.core.peers import NOBODY, Peers
 from rorg.core.plan import Reason, ServicePlan
+from rorg.core.probes_in_force import with_probes_in_force
 from rorg.core.ros_graph import Graphs
 from rorg.core.wanted import Wanted
 from rorg.model.catalog import Service
@@ -108,6 +109,11 @@ class Situation(Surroundings):
     """Services that lack a device now, each with the reason."""
     withheld: Mapping[str, str] = field(default_factory=dict)
     """Undeclared services that stay until a person confirms their removal, each with the reason."""
+
+    def with_probes_in_force(self, name: str) -> Service:
+        """Return a declared service with the probes that its present container must answer."""
+        service, current = self.desired.catalog.services[name], self.observed.current(name)
+        return with_probes_in_force(service, self.memory.of(name).update, current, self.desired)
 
     def over(self, name: str) -> bool:
         """Return whether a service ended and its restart policy does not restart it."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from rorg.core.decide import Decision
 from rorg.core.plan import Action, Plan
-from rorg.core.rollout import fits
+from rorg.core.probes_in_force import fits
 from rorg.core.situation import Situation
 from rorg.model.causes import causes
 from rorg.model.codes import BLOCKED, CONFIRM, DEFERRED, IMAGE, NO_IMAGE

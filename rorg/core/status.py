@@ -274,7 +274,8 @@ class _Assessed:
             return False, "Ending", "rorg was ended while stopping it"
         if current.state == "running" and progress.running_since is not None:
             ran = situation.now - progress.running_since
-            late = service.ready is not None and ran > service.ready.timeout
+            ready = situation.with_probes_in_force(name).ready
+            late = ready is not None and ran > ready.timeout
             return False, "Late" if late else "Probing", progress.probe
         if progress.error and progress.exits:
             return False, failed, progress.error

@@ -11,8 +11,9 @@ from rorg.core.memory import STALLED_AFTER
 from rorg.core.observed import Container
 from rorg.core.operations import Create
 from rorg.core.plan import Timed, Waiting
-from rorg.core.rollout import came_up_at, candidate
+from rorg.core.rollout import came_up_at
 from rorg.core.situation import View
+from rorg.core.trial import candidate, is_outlived
 from rorg.model.catalog import Service
 from rorg.model.codes import BAKING
 from rorg.model.units import format_seconds
@@ -57,7 +58,8 @@ class Swap:
         # with its device at another node, the old one is useless
         elif new is None and stale and set(changed) != {NODES}:
             self.old = stale[0] if self.worthy(stale[0]) else None
-        if self.old is None and self.update.is_rejected and (new is None or new.id == self.update.rejected):
+        rejected = self.update.is_rejected(view.desired.digests[service.name])
+        if self.old is None and rejected and (new is None or new.id == self.update.rejected):
             self.lost, more = True, f"change it again, or `rorg retry {service.name}`"
             self.failed = f"its change failed ({self.update.failed}), and its previous container is gone; {more}"
 
@@ -109,10 +111,16 @@ class Swap:
 
 
 def is_untried(view: View, name: str, container: Container) -> bool:
-    """Return whether a container of the desired edition ran, but another one stayed well last, to which it has no way
-    back. It is made anew, on trial."""
-    well = view.s.memory.of(name).update.well
-    if container.alive or not container.started_at or container.id == well or container.previous == well:
+    """Return whether a container of the desired edition has no way back to the one that stayed well last. It is made
+    anew, on trial."""
+    update = view.s.memory.of(name).update
+    if container.digest != view.desired.digests[name] or container.id == update.well:
         return False
-    others = (c for c in view.of(name) if c.id == well and not c.lost)
-    return container.digest == view.desired.digests[name] and any(others)
+    if is_outlived(container, view.of(name), update):
+        return True
+    has_way_back = container.previous == update.well
+    return (
+        bool(container.started_at)
+        and not (container.alive or has_way_back)
+        and any(c.id == update.well and not c.lost for c in view.of(name))
+    )

@@ -16,6 +16,7 @@ from rorg.core.changes import changed_keys, updated
 from rorg.core.desired import Desired
 from rorg.core.memory import Memory, ProbeResults, Progress
 from rorg.core.observed import Observed
+from rorg.core.probes_in_force import with_probes_in_force
 from rorg.core.rollout import bake_ends_at, judged, mended_from, renewed
 from rorg.core.ros_parameters import ROLE, begun_with, parameters_noted
 from rorg.core.transitions import Evidence, advanced
@@ -74,7 +75,7 @@ def track(kept: Tracked | None, facts: Facts, touched: Collection[str]) -> Track
         progress_now = _reviewed(parameters_noted(last, facts.results.get((name, ROLE))), service, desired, evidence)
         if not (unchanged := progress_now is last and name in memory.progress):
             changes[name] = progress_now
-        due[name] = _changes_at(progress_now, service, evidence) if unchanged else -inf
+        due[name] = _changes_at(progress_now, service, evidence, desired) if unchanged else -inf
         if due[name] == inf:
             del due[name]
     progress = updated(memory.progress, changes, gone) if changes or gone else memory.progress
@@ -123,10 +124,9 @@ def _to_review(kept: Tracked, facts: Facts, touched: Collection[str]) -> set[str
 def _reviewed(progress: Progress, service: Service, desired: Desired, evidence: Evidence) -> Progress:
     """Return the progress of one service after this pass."""
     name = service.name
-    progress = advanced(
-        freed(renewed(progress, desired.editions[name], evidence.now), service, desired), service, evidence
-    )
     current = evidence.observed.current(name)
+    progress = freed(renewed(progress, desired.editions[name], evidence.now), service, desired)
+    progress = advanced(progress, with_probes_in_force(service, progress.update, current, desired), evidence)
     if name in desired.contents and current is not None:
         update = progress.update.noting(current, desired.contents[name])
         progress = progress if update == progress.update else replace(progress, update=update)
@@ -135,7 +135,7 @@ def _reviewed(progress: Progress, service: Service, desired: Desired, evidence: 
     return judged(progress, service, desired, evidence)
 
 
-def _changes_at(progress: Progress, service: Service, evidence: Evidence) -> float:
+def _changes_at(progress: Progress, service: Service, evidence: Evidence, desired: Desired) -> float:
     """Return when progress may change with the time alone, inf for never. It must cover every comparison with the clock
     in advanced() and judged()."""
     if progress.relied_on and not progress.ready:
@@ -151,5 +151,6 @@ def _changes_at(progress: Progress, service: Service, evidence: Evidence) -> flo
         return -inf if over is None else over
     if evidence.wanted and (mended_at := mended_from(progress, service)) is not None:
         return mended_at
+    service = with_probes_in_force(service, progress.update, evidence.observed.current(service.name), desired)
     by_time = service.ready is not None and service.ready.delay is not None
     return -inf if by_time and not progress.ready else inf

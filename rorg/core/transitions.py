@@ -13,6 +13,7 @@ from rorg.core.liveness import after_live, is_of_run
 from rorg.core.memory import DEFAULT_GRACE, STABLE, CountedOn, ProbeResult, Progress, delay
 from rorg.core.observed import PROCESS_GONE, Container, Observed
 from rorg.core.operations import Start
+from rorg.core.probes_in_force import is_live_untried, is_ready_untried
 from rorg.model.catalog import Service
 
 UNANSWERED: dict[str, Any] = {
@@ -56,7 +57,7 @@ class Evidence:
 
 
 def advanced(progress: Progress, service: Service, evidence: Evidence) -> Progress:
-    """Return the progress after what was observed of a service in this pass."""
+    """Return the progress after what was observed of a service in this pass. `service` has the probes in force."""
     current, now = evidence.observed.current(service.name), evidence.now
     progress = _fresh(_wanted(progress, evidence.wanted, now), current)
     progress = _ceased(_run(progress, current, now), current, now)
@@ -68,8 +69,10 @@ def advanced(progress: Progress, service: Service, evidence: Evidence) -> Progre
     if evidence.wanted and not evidence.busy:
         progress = _ended_with_another(progress, service, evidence)
         progress = _exit(_excused(progress, service, current, evidence), service, current, evidence)
-    progress = _ready(progress, service, evidence.ready, now)
-    progress = after_live(progress, service, evidence.live, now) if evidence.wanted and not evidence.busy else progress
+    is_kept = is_ready_untried(service, progress.update, current)
+    progress = _ready(progress, service, evidence.ready, now, is_kept)
+    if evidence.wanted and not evidence.busy and not is_live_untried(service, progress.update, current):
+        progress = after_live(progress, service, evidence.live, now)
     progress = _relied_on(progress, service, evidence.wanted, now)
     return _patient(_well(progress, now)) if evidence.unplugged else _well(progress, now)
 
@@ -211,8 +214,10 @@ def _exit(progress: Progress, service: Service, current: Container | None, evide
     return progress.start_after(evidence.now + delay(exits), PROCESS_GONE if current.vanished else why)
 
 
-def _ready(progress: Progress, service: Service, result: ProbeResult | None, now: float) -> Progress:
-    """Note readiness, by probe, by delay, or by merely running."""
+def _ready(
+    progress: Progress, service: Service, result: ProbeResult | None, now: float, is_kept: bool = False
+) -> Progress:
+    """Note readiness, by probe, by delay, or by merely running. If it `is_kept`, no denial takes it away."""
     if progress.running_since is None:
         return progress
     if progress.doubted_since is not None:
@@ -224,12 +229,12 @@ def _ready(progress: Progress, service: Service, result: ProbeResult | None, now
         # would wake up for ever without effect.
         is_due = not progress.ready and now >= progress.running_since + service.ready.delay
         return replace(progress, ready=True, was_ready=True) if is_due else progress
-    if not is_of_run(result, progress):
+    if not is_of_run(result, progress, service.ready):
         return progress
     if result.ok and result.at != progress.answered:
         progress = replace(progress, answered=result.at)
     if progress.ready:
-        return _still_ready(progress, result, service.ready.failures)
+        return _still_ready(progress, result, 0 if is_kept else service.ready.failures)
     if result.ok:
         return replace(progress, ready=True, was_ready=True, probe="")
     return replace(progress, probe=result.message) if result.message != progress.probe else progress

@@ -8,9 +8,19 @@ from dataclasses import dataclass, field, replace
 from math import inf
 
 from rorg.core.observed import Container
+from rorg.model.probe import Probe
 
 MOST = 16
 """Failed editions that are remembered per service."""
+
+
+@dataclass(frozen=True, slots=True)
+class LastGood:
+    """What the edition that stayed well last declared: the digest of its container, and its probes."""
+
+    digest: str
+    ready: Probe | None
+    live: Probe | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,7 +30,8 @@ class Update:
     edition: str = ""
     """The desired edition. Failures of other editions hold nothing back."""
     since: float = 0.0
-    """When it became desired, by the loop's clock; 0 if this rorg found it at its start."""
+    """When it became desired, or its program was told to read it, by the loop's clock; 0 if this rorg found it at its
+    start. Its bake does not begin earlier."""
     quarantined: Mapping[str, str] = field(default_factory=dict)
     """Edition that failed on trial -> why; oldest first. It is not tried again unless a person asks."""
     rejected: str = ""
@@ -39,10 +50,8 @@ class Update:
     """The edition that stayed well last."""
     well: str = ""
     """Id of the container that stayed well last."""
-    live: str = ""
-    """Digest of the `live` probe that held for a whole bake last; "" if none was proven by a rorg that notes it."""
-    earlier_run: str = ""
-    """The incarnation that ran when the desired edition became desired."""
+    last_good: LastGood | None = None
+    """Of the container `well`; None if none was proven by a rorg that notes it."""
     crashing: Mapping[str, str] = field(default_factory=dict)
     """Edition that ended again and again, though rorg goes on starting it -> why; oldest first. A release or a restart
     of rorg repairs nothing, so it stays until a run of this edition has stayed well, or a person retries."""
@@ -62,11 +71,11 @@ class Update:
         """Why the desired edition is not tried; "" if it may be."""
         return self.quarantined.get(self.edition) or self.drawn
 
-    @property
-    def is_rejected(self) -> bool:
-        """Whether a container of the desired edition failed on trial. A probe that failed beside a container that was
-        proven rejects none."""
-        return bool(self.rejected) and self.edition in self.quarantined
+    def is_rejected(self, digest: str) -> bool:
+        """Return whether a container with the `digest` of the desired edition failed on trial. If the container that
+        was proven has the same digest, only a probe or a file failed, which rejects none."""
+        same = self.last_good is not None and self.last_good.digest == digest
+        return bool(self.rejected) and self.edition in self.quarantined and not same
 
     def quarantine(self, error: str, now: float) -> Update:
         """Return the update with the desired edition quarantined."""

@@ -6,12 +6,14 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
 from rorg.core.memory import CAP, MOST_STOPPED, Attempt, CountedOn, Due, Memory, Progress
-from rorg.core.update import Update
+from rorg.core.update import LastGood, Update
 from rorg.daemon.snapshot import run_json
+from rorg.model.probe import Probe
 
 TIMES = ("unwanted_since", "ceased_since")
 NEVER = float("inf")
@@ -69,8 +71,8 @@ def _progress(known: Mapping[str, Any], now: float, same_boot: bool) -> Progress
         proven=said["proven"],
         baked=said["baked"],
         well=said["well"],
-        live=said["live"],
-        earlier_run=said["earlier_run"],
+        last_good=_last_good(known.get("last_good")),
+        begun=_texts(known.get("reads")) or None,
         run=said["loaded"] if isinstance(known.get("content"), Mapping) else "",
         content=_texts(known.get("content")),
     )
@@ -98,6 +100,30 @@ def _stopped(known: Mapping[str, Any]) -> tuple[str, ...]:
     before = known.get("stopped_before")
     runs = [*(before if isinstance(before, list) else ()), known.get("stopped")]
     return tuple(run for run in runs if isinstance(run, str) and run)[-MOST_STOPPED:]
+
+
+def _last_good(known: Any) -> LastGood | None:
+    with suppress(KeyError, TypeError, ValueError):
+        return LastGood(_text(known["digest"]), _probe(known["ready"]), _probe(known["live"])) if known else None
+    return None
+
+
+def _probe(known: Any) -> Probe | None:
+    """Raises KeyError, TypeError or ValueError if it is no probe."""
+    if known is None:
+        return None
+    target = known["target"]
+    if not isinstance(target, str | int | float | list):
+        raise TypeError("a probe has a target")
+    return Probe(
+        kind=_text(known["kind"]),
+        target=tuple(map(_text, target)) if isinstance(target, list) else target,
+        timeout=float(known["timeout"]),
+        interval=float(known["interval"]),
+        failures=_count(known["failures"]),
+        graph=_text(known["graph"]),
+        parts=tuple(part for each in known["parts"] if (part := _probe(each))),
+    )
 
 
 def _texts(known: Any) -> dict[str, str]:

@@ -201,11 +201,11 @@ def run_json(step: Progress, now: float) -> dict[str, Any]:
         "proven": update.proven,
         "baked": update.baked,
         "well": update.well,
-        "live": update.live,
-        "earlier_run": update.earlier_run,
+        "last_good": asdict(update.last_good) if update.last_good else {},
         "loaded": update.run,
         "stopped_before": list(step.stopped[:-1]),
         "content": dict(update.content),
+        "reads": dict(update.begun or {}),
         "attempts": {verb: [t.at, t.error] for verb, t in step.attempts.items() if t.at > now},
     }
     return {

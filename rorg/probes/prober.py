@@ -136,7 +136,9 @@ class Prober:
         The next attempt begins when the probe has `rested`."""
         old = self._answers.get(key)
         failures = 0 if answer.ok else (old.failures if old else 0) + answer.asked
-        self._answers[key] = new = ProbeResult(target.incarnation, answer.ok, began, answer.message, failures)
+        self._answers[key] = new = ProbeResult(
+            target.incarnation, answer.ok, began, answer.message, failures, target.probe
+        )
         self._tell(key[:2])
         since = target.asked or 0.0
         self._due[key] = max(rested, began + target.next_after(failures) if began >= since else self.clock())

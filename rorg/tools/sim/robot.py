@@ -64,6 +64,8 @@ class SimRobot:
         self.cache: Cache | None = None
         self.ready_after: dict[str, float] = {}
         self.hung: set[str] = set()
+        self.deaf: set[str] = set()
+        """Questions of probes that nothing answers, as `tcp 80`."""
         """Incarnations that do not answer their `live` probe."""
         self.locked: set[str] = set()
         """Services whose interlock refuses."""
@@ -208,9 +210,10 @@ class SimRobot:
                 answers[name, role] = ProbeResult(target.incarnation, True, self.now)
             elif step.running_since is not None and step.incarnation == target.incarnation:
                 late = self.now - step.running_since < self.ready_after.get(name, PROBE_AFTER)
-                ok = step.incarnation not in self.hung and not (role == "ready" and late)
+                deaf = any(str(question) in self.deaf for question in target.probe.questions)
+                ok = step.incarnation not in self.hung and not deaf and not (role == "ready" and late)
                 answers[name, role] = ProbeResult(
-                    step.incarnation, ok, self.now, "" if ok else "no answer", 0 if ok else 1000
+                    step.incarnation, ok, self.now, "" if ok else "no answer", 0 if ok else 1000, target.probe
                 )
         return answers
 

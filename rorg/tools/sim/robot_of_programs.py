@@ -81,7 +81,9 @@ class RobotOfPrograms(SimRobot):
                 answers[key] = told
             else:
                 ok = key[1] == "live" or self.now >= self._answers_at(target.container, target.every)
-                answers[key] = ProbeResult(step.incarnation, ok, self.now, "" if ok else "no answer", 0 if ok else 1)
+                answers[key] = ProbeResult(
+                    step.incarnation, ok, self.now, "" if ok else "no answer", 0 if ok else 1, target.probe
+                )
         return answers
 
     def _check(self, decision: Decision) -> None:

@@ -10,7 +10,7 @@ from bounded.watch import EXACT, Watch, known, namespaces
 from rorg.core.joining import joined_of
 from rorg.core.observed import LABEL_SPEC
 from rorg.core.plan import Action
-from rorg.core.rollout import fits
+from rorg.core.probes_in_force import fits
 from rorg.model.graph import conflicting
 
 # -- when an action begins -----------------------------------------------------------------------------------------
@@ -128,7 +128,8 @@ def a_restart_has_its_cause(watch: Watch) -> None:
 @at("begin")
 def the_same_is_not_created_again(watch: Watch) -> None:
     """A service gets no new container while one with the same digest exists and can be used. One that ended cannot
-    while another stayed well last, to which it has no way back."""
+    while another stayed well last, to which it has no way back. Nor can one that never ran, and whose way
+    back leads past what was proven since."""
     name, action = watch.action
     service = watch.services.get(name)
     if action.verb != "create" or service is None or service.joins or service.devices or watch.robot.desired.objects:
@@ -136,6 +137,8 @@ def the_same_is_not_created_again(watch: Watch) -> None:
     digest, step = action.operation.labels[LABEL_SPEC], watch.robot.memory.of(name)
     usable = [c for c in watch.robot.read.observed.of(name) if c.state not in ("dead", "removing")]
     same, well = [c for c in usable if c.digest == digest and not step.spent(c)], step.update.well
+    past = {c.previous for c in usable if c.id == step.update.proven} - {""}
+    same = [c for c in same if c.started_at or c.previous not in past]
     if well in {c.id for c in usable}:
         same = [c for c in same if c.alive or not c.started_at or well in (c.id, c.previous)]
     assert not same, f"{name} has a container of this digest"

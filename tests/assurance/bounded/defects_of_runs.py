@@ -106,7 +106,7 @@ DEFECTS_OF_RUNS = (
     ),
     Defect(
         "times of the engine tell that an earlier rorg went back",
-        "core/rollout.py",
+        "core/trial.py",
         "    return old.alive and not new.alive and bool(new.started_at or new.error)\n",
         "    return old.alive and not new.alive and old.started_at > new.created_at\n",
         (TRIED,),
@@ -115,7 +115,7 @@ DEFECTS_OF_RUNS = (
     Defect(
         "a bake ends at once",
         "core/rollout.py",
-        "max(progress.well_since + service.update.bake, progress.update.since)",
+        "max(progress.well_since, progress.update.since) + service.update.bake",
         "max(progress.well_since, progress.update.since)",
         (BAKE,),
     ),

@@ -119,7 +119,7 @@ DEFECTS_OF_UNDO = (
     Defect(
         "the next change forgets what failed",
         "core/rollout.py",
-        "    update = replace(update, edition=edition, since=now, interrupted=0, earlier_run=progress.incarnation)\n",
+        "    update = replace(update, edition=edition, since=now, interrupted=0)\n",
         "    update = replace(update, edition=edition, since=now, interrupted=0, quarantined={})\n",
         (AGAIN,),
         walk=walk(ASKED, (("spoil", 0), 6.0), (("change", 0), 6.0), (("revert",), REST)),

@@ -11,7 +11,7 @@ from rorg.core.admission import over_budget
 from rorg.core.decide import decide
 from rorg.core.joining import joined_of
 from rorg.core.observed import Container
-from rorg.core.rollout import fits
+from rorg.core.probes_in_force import fits
 from rorg.model.graph import closure, conflicting, overbooked
 
 QUIET = 100.0

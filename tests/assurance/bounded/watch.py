@@ -12,8 +12,9 @@ from rorg.core.joining import joined_of
 from rorg.core.observed import Container
 from rorg.core.operations import Stop
 from rorg.core.plan import Action
-from rorg.core.rollout import GOING, candidate
+from rorg.core.rollout import GOING
 from rorg.core.situation import Situation
+from rorg.core.trial import candidate
 from rorg.daemon.snapshot import Snapshots
 from rorg.model.catalog import Catalog, Request, Service
 from rorg.model.graph import closure

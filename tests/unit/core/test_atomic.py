@@ -34,12 +34,15 @@ def new(name: str, **more: Any) -> Container:
 
 def step(name: str, **more: Any) -> Progress:
     edition = DESIRED.editions[name]
-    known = {"edition": edition, **{k: more.pop(k) for k in ("baked", "quarantined", "drawn", "held") if k in more}}
+    known = {
+        "edition": edition,
+        **{k: more.pop(k) for k in ("baked", "well", "quarantined", "drawn", "held") if k in more},
+    }
     return replace(Progress(update=Update(**known)), **more)
 
 
 def baked(name: str) -> Progress:
-    return step(name, baked=DESIRED.editions[name])
+    return step(name, baked=DESIRED.editions[name], well=f"new-{name}")
 
 
 def failed(name: str, **more: Any) -> Progress:

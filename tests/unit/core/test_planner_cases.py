@@ -33,7 +33,7 @@ from rorg.core.situation import MissingImage
 from rorg.core.update import Update
 from rorg.manifest.load import load_or_raise
 from rorg.manifest.yaml_source import read_yaml
-from rorg.model.catalog import Hold, Request
+from rorg.model.catalog import Hold, Request, Service
 from rorg.model.devices import Plugged
 from rorg.model.load import Load
 from rorg.model.objects import EngineObject
@@ -209,11 +209,20 @@ def memory_of(case: dict, containers: list[Container], editions: Mapping[str, st
     return Memory(progress, flights, pressure=Pressure(**pressure, shed=shed))
 
 
-def answers_of(case: dict, containers: list[Container]) -> dict[tuple[str, str], ProbeResult]:
+def answers_of(
+    case: dict, containers: list[Container], services: Mapping[str, Service]
+) -> dict[tuple[str, str], ProbeResult]:
     """What probes have said of runs."""
     runs = {c.service: c.incarnation for c in containers if c.state == "running"}
     return {
-        (name, role): ProbeResult(runs[name], "no" not in said, said["at"], "no answer", said.get("no", 0))
+        (name, role): ProbeResult(
+            runs[name],
+            "no" not in said,
+            said["at"],
+            "no answer",
+            said.get("no", 0),
+            getattr(services[name], role),
+        )
         for name, roles in case.get("answers", {}).items()
         for role, said in roles.items()
     }
@@ -242,7 +251,7 @@ def test_plan(path, tmp_path):
     results = {
         (n, "interlock"): ProbeResult("", said == "allows", now, said) for n, said in case.get("interlocks", {}).items()
     }
-    results |= answers_of(case, containers)
+    results |= answers_of(case, containers, catalog.services)
     looked = [entry.get("looked", now) for entry in case.get("observed", [])]
     known = case.get("devices", {})
     quiet = Load(0.0, 0.0, 4.0, 0, 8 << 30)

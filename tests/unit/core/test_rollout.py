@@ -7,16 +7,16 @@ from typing import Any
 
 import pytest
 
-from rorg.core.desired import Desired, desire, live_digest
+from rorg.core.desired import Desired, desire
+from rorg.core.digest import canonical, declared_fields
 from rorg.core.memory import NONE, Attempt, Memory, ProbeResult, Progress
 from rorg.core.observed import Container, Observed
 from rorg.core.operations import Create, Start
 from rorg.core.plan import Action
+from rorg.core.probes_in_force import fits, with_probes_in_force
 from rorg.core.rollout import (
     came_up_at,
-    candidate,
     failed,
-    fits,
     has_come_up,
     is_late_at,
     judged,
@@ -25,7 +25,8 @@ from rorg.core.rollout import (
     retried,
 )
 from rorg.core.transitions import Evidence
-from rorg.core.update import Update
+from rorg.core.trial import candidate, is_outlived
+from rorg.core.update import LastGood, Update
 from rorg.model.catalog import Catalog, Service, Updating
 from rorg.model.probe import Probe
 
@@ -41,8 +42,6 @@ EDITION = Update(edition="now", since=80.0)
 STARTING = Progress(incarnation=RUN, running_since=EARLIER, update=EDITION)
 WELL = replace(STARTING, ready=True, was_ready=True, well_since=EARLIER)
 """Ready for ten seconds; a bake of two seconds ended at 92."""
-BAKED = {"update": replace(EDITION, baked="now", well="a" * 64, live="none")}
-ANSWERED = {"update": replace(BAKED["update"], live=live_digest(WATCHED))}
 FAILED = {"start": Attempt(error="no")}
 OLD = Container("b" * 64, "base.old", "base", "exited", "2026-01-01T10:00:00Z")
 
@@ -54,6 +53,12 @@ def desired_of(service: Service, **more: Any) -> Desired:
 DIGEST = desired_of(BASE).digests["base"]
 
 
+def baked(service: Service = BASE, **more: Any) -> dict[str, Any]:
+    """Its edition has stayed well."""
+    last_good = LastGood(DIGEST, service.ready, service.live)
+    return {"update": replace(EDITION, baked="now", well="a" * 64, last_good=last_good, **more)}
+
+
 def base(state: str = "running", started: str = STARTED, digest: str = DIGEST, **more: Any) -> Container:
     return Container("a" * 64, "base", "base", state, started, digest=digest, **more)
 
@@ -63,7 +68,10 @@ def changes(
 ) -> dict[str, Any]:
     """The fields that differ after the judgement. A look at each container began at `looked`."""
     observed = Observed(seen, looked={c.id: looked for c in seen})
-    facts = {"wanted": True, "ready": None, "live": None, "busy": False, "now": NOW, **more}
+    facts = {"wanted": True, "busy": False, "now": NOW, **more}
+    for role, probe in (("ready", service.ready), ("live", service.live)):
+        answer = facts.get(role)
+        facts[role] = answer and replace(answer, probe=answer.probe or probe)
     desired = desired_of(service, **({} if sets is None else {"sets": sets}))
     found = judged(progress, service, desired, Evidence(observed=observed, **facts))
     values = {f.name: getattr(found, f.name) for f in fields(found)}
@@ -89,18 +97,18 @@ def quarantined(why: str, at: float = NOW, **more: Any) -> dict[str, Any]:
     [
         ({"now": 91.9}, {}),
         ({"now": 92.0, "looked": 91.9}, {"unproven_since": 92.0}),
-        ({"now": 92.0, "looked": 92.0}, BAKED),
+        ({"now": 92.0, "looked": 92.0}, None),
     ],
 )
-def test_a_run_must_be_seen_well_after_its_bake(more, changed):
-    assert changes(WELL, base(), **more) == changed
-    assert changes(WELL, base(), service=DELAYED, **more) == changed
+@pytest.mark.parametrize("service", [BASE, DELAYED])
+def test_a_run_must_be_seen_well_after_its_bake(service, more, changed):
+    assert changes(WELL, base(), service=service, **more) == (baked(service) if changed is None else changed)
 
 
 def test_a_change_bakes_from_its_declaration_on():
     later = replace(WELL, update=replace(EDITION, since=99.5))
-    assert changes(later, base(), now=99.4) == {}
-    assert changes(later, base(), now=99.5)["update"].baked == "now"
+    assert changes(later, base(), now=101.4, looked=101.4) == {}
+    assert changes(later, base(), now=101.5, looked=101.5)["update"].baked == "now"
 
 
 @pytest.mark.parametrize(
@@ -109,7 +117,7 @@ def test_a_change_bakes_from_its_declaration_on():
         (None, {}, {"unproven_since": 92.0}),
         (said(at=91.9), {}, {"unproven_since": 92.0}),
         (said(run="another"), {}, {"unproven_since": 92.0}),
-        (said(at=92.0), {}, BAKED),
+        (said(at=92.0), {}, baked(PROBED)),
         (said(), {"looked": 91.9}, {"unproven_since": 92.0}),
         (said(False), {"now": 121.9}, {"unproven_since": 92.0}),
         (said(False, failures=0), {"now": 122.0, "looked": 122.0}, {"unproven_since": 92.0}),
@@ -121,12 +129,12 @@ def test_its_probe_must_answer_after_the_bake(ready, more, changed):
 
 def test_its_live_probe_must_answer_too():
     assert changes(WELL, base(), service=WATCHED) == {"unproven_since": 92.0}
-    assert changes(WELL, base(), service=WATCHED, live=said()) == ANSWERED
+    assert changes(WELL, base(), service=WATCHED, live=said()) == baked(WATCHED)
     assert changes(WELL, base(), service=WATCHED, live=said(False), now=500.0) == {"unproven_since": 92.0}
     both = replace(PROBED, live=WATCHED.live)
     assert changes(WELL, base(), service=both, ready=said()) == {"unproven_since": 92.0}
-    assert changes(WELL, base(), service=both, ready=said(), live=said()) == ANSWERED
-    assert changes(replace(WELL, was_ready=False), base(), service=WATCHED) == ANSWERED, "it is not asked yet"
+    assert changes(WELL, base(), service=both, ready=said(), live=said()) == baked(both)
+    assert changes(replace(WELL, was_ready=False), base(), service=WATCHED) == baked(WATCHED), "it is not asked yet"
 
 
 @pytest.mark.parametrize(
@@ -171,58 +179,92 @@ def test_a_run_that_has_not_read_a_file_says_nothing_about_it():
 def test_a_task_that_has_ended_well_has_passed():
     task = replace(BASE, restart="never")
     ended = replace(NONE, incarnation=RUN, exited=RUN, error="ended with exit code 0", update=EDITION)
-    assert changes(ended, base("exited", exit_code=0), service=task) == BAKED
+    assert changes(ended, base("exited", exit_code=0), service=task) == baked(task)
     for seen, service in ((base("exited", exit_code=1), task), (base("exited", exit_code=0), BASE)):
         assert changes(ended, seen, service=service) == {}
     assert changes(replace(ended, exited=""), base("exited", exit_code=0), service=task) == {}
 
 
-# -- changes of the probes alone -------------------------------------------------------------------------------
+# -- changes of probes and files alone -------------------------------------------------------------------------
 
 
-PROBES = replace(STARTING, update=replace(EDITION, since=95.0, earlier_run=RUN))
-"""A run that began before its probes changed."""
+PROVEN = replace(EDITION, since=95.0, baked="before", well="a" * 64, last_good=LastGood(DIGEST, None, None))
+"""A container that was proven without probes, before its manifest changed at 95."""
+TRIED = replace(STARTING, update=PROVEN)
 
 
-def lost(why: str, at: float = NOW, **more: Any) -> dict[str, Any]:
-    return {"update": replace(PROBES.update, quarantined={"now": why}, failed_at=at), **more}
+def lost(progress: Progress, why: str, at: float = NOW, **more: Any) -> dict[str, Any]:
+    return {"update": replace(progress.update, quarantined={"now": why}, failed_at=at), **more}
 
 
-def test_a_run_that_does_not_answer_new_probes_in_time_is_no_longer_ready():
+def test_a_new_probe_that_does_not_answer_in_time_has_failed_and_takes_no_readiness():
+    late = {"service": PROBED, "now": 127.0, "looked": 127.0, "ready": said(False, at=127.0)}
+    ready = replace(WELL, update=PROVEN, probe="refused")
+    assert changes(ready, base(), **{**late, "now": 126.9}) == {"unproven_since": 97.0}
+    assert changes(ready, base(), **late) == lost(ready, "not ready within 30 s: refused", 127.0, probe="")
+    assert changes(ready, base(), **{**late, "ready": None}) == {"unproven_since": 97.0}
+
+
+def test_a_new_run_of_what_was_proven_proves_a_new_probe_wrong_too():
     late = {"service": PROBED, "now": 125.0, "looked": 125.0}
     denied = said(False, at=125.0)
-    known = replace(PROBES, probe="refused", exits=1, attempts=FAILED, error="bad")
-    found = lost("not ready within 30 s: refused", 125.0, exits=0, attempts={}, error="")
+    known = replace(TRIED, probe="refused", exits=1, attempts=FAILED, error="bad")
+    found = lost(known, "not ready within 30 s: refused", 125.0, exits=0, attempts={}, error="", probe="")
     assert changes(known, base(), ready=denied, **late) == found
     assert changes(known, base(), ready=denied, **{**late, "now": 124.9}) == {}
     waits = {"unproven_since": 125.0}
     assert changes(known, base(), **late) == waits
     assert changes(known, base(), ready=denied, **{**late, "looked": 124.9}) == waits
-    assert changes(replace(known, update=EDITION), base(), ready=denied, **late) == {}, "the run is what changed"
-    assert changes(replace(known, probe=""), base(), ready=denied, **late)["update"].failed == "not ready within 30 s"
+    assert changes(replace(known, update=EDITION), base(), ready=denied, **late) == {}, "it was never proven"
 
 
-def test_a_ready_run_that_denies_its_new_probe_has_the_time_of_the_probe():
-    known = replace(WELL, update=PROBES.update)
-    denied = said(False, at=125.0)
-    more = {"service": PROBED, "ready": denied, "looked": 125.0}
-    assert changes(known, base(), now=124.9, **more) == {"unproven_since": 95.0}
-    found = changes(known, base(), now=125.0, **more)
+def test_what_denies_its_old_probe_after_a_change_of_a_file_is_no_longer_ready():
+    as_before = replace(PROVEN, last_good=LastGood(DIGEST, PROBED.ready, None))
+    ready = replace(WELL, update=as_before)
+    late = {"service": PROBED, "now": 127.0, "looked": 127.0, "ready": said(False, at=127.0)}
     gone = {"ready": False, "was_ready": False, "well_since": None}
-    assert found == lost("not ready within 30 s: refused", 125.0, **gone)
-
-
-def test_a_run_that_was_ready_or_hangs_fails_with_what_its_probe_said():
-    was = replace(PROBES, was_ready=True)
-    assert changes(was, base(), service=PROBED) == lost("no longer ready", was_ready=False)
-    told = replace(was, probe="refused")
-    assert changes(told, base(), service=PROBED) == lost("no longer ready: refused", was_ready=False)
-    hung = replace(PROBES, hung=RUN, error="did not answer")
-    assert changes(hung, base(), service=WATCHED) == {}, "it is restarted instead"
-    for update in ({"quarantined": {"now": "bad"}}, {"baked": "now"}, {"earlier_run": ""}):
-        known = replace(was, update=replace(was.update, **update))
+    assert changes(ready, base(), **late) == lost(ready, "not ready within 30 s: refused", 127.0, **gone)
+    was = replace(STARTING, update=as_before, was_ready=True, probe="refused")
+    assert changes(was, base(), service=PROBED) == lost(was, "no longer ready: refused", was_ready=False)
+    for update in ({"quarantined": {"now": "bad"}}, {"baked": "now"}, {"well": "b" * 64}):
+        known = replace(was, update=replace(as_before, **update))
         assert changes(known, base(), service=PROBED) == {}
     assert changes(was, base(digest="another"), service=PROBED) == {}
+
+
+def test_a_new_live_probe_that_denies_has_failed_at_once():
+    ready = replace(WELL, update=PROVEN)
+    found = changes(ready, base(), service=WATCHED, live=said(False))
+    assert found == lost(ready, "did not answer (refused)")
+    three = replace(WATCHED, live=Probe("tcp", 80, failures=3))
+    assert changes(ready, base(), service=three, live=said(False, failures=2), now=96.0) == {}
+    another = replace(said(False), probe=Probe("tcp", 81))
+    assert "update" not in changes(ready, base(), service=WATCHED, live=another), "it answers another probe"
+    as_before = replace(ready, update=replace(PROVEN, last_good=LastGood(DIGEST, None, WATCHED.live)))
+    found = changes(as_before, base(), service=WATCHED, live=said(False))
+    assert "update" not in found, "it is restarted instead"
+
+
+def test_what_was_proven_keeps_its_probes_until_others_are_tried_on_it():
+    good = replace(PROBED, live=WATCHED.live)
+    update = replace(PROVEN, last_good=LastGood(DIGEST, good.ready, good.live))
+    another = replace(BASE, ready=Probe("tcp", 81))
+    desired = desired_of(another)
+    of_another = base(digest="another", declared=canonical(declared_fields({"image": "y"})))
+    assert with_probes_in_force(another, update, of_another, desired) == good, "its own container is still to come"
+    assert with_probes_in_force(another, update, base(), desired) is another, "they are tried on it"
+    failed_now = replace(update, quarantined={"now": "bad"})
+    assert with_probes_in_force(another, failed_now, base(), desired) == good
+    assert with_probes_in_force(another, replace(failed_now, well="b" * 64), base(), desired) is another
+    assert with_probes_in_force(another, replace(failed_now, baked="now"), base(), desired) is another
+    assert with_probes_in_force(another, failed_now, None, desired) is another
+
+
+def test_a_probe_that_failed_rejects_no_container():
+    update = replace(PROVEN, quarantined={"now": "bad"}, rejected="b" * 64)
+    assert not update.is_rejected(DIGEST)
+    assert update.is_rejected("another")
+    assert not replace(update, rejected="").is_rejected("another")
 
 
 # -- trials ----------------------------------------------------------------------------------------------------
@@ -239,12 +281,29 @@ def test_the_new_container_is_the_one_with_an_unproven_predecessor():
     assert candidate([base(), OLD], EDITION) is None
 
 
+def test_what_came_before_what_was_proven_is_on_trial_no_more():
+    """It may be kept because others are joined to it."""
+    newest = Container("c" * 64, "base", "base", "running", STARTED, digest=DIGEST, previous=NEW.id)
+    assert candidate([newest, NEW, OLD], EDITION) == (newest, NEW)
+    assert candidate([newest, NEW, OLD], replace(EDITION, proven=newest.id)) is None
+    assert candidate([newest, NEW, OLD], replace(EDITION, proven=NEW.id)) == (newest, NEW)
+
+
+def test_what_would_go_back_past_what_was_proven_since_is_outlived():
+    made = Container("c" * 64, "base", "base", "created", "", digest=DIGEST, previous=OLD.id)
+    proven = replace(EDITION, proven=NEW.id)
+    assert is_outlived(made, [made, NEW, OLD], proven)
+    assert not is_outlived(made, [made, NEW, OLD], EDITION), "it is not proven"
+    assert not is_outlived(replace(made, started_at=STARTED), [made, NEW, OLD], proven), "it ran"
+    assert not is_outlived(replace(made, previous=NEW.id), [made, NEW, OLD], proven)
+
+
 def test_a_trial_that_stays_well_is_proven():
-    assert changes(WELL, NEW, OLD) == {"update": replace(BAKED["update"], proven=NEW.id)}
+    assert changes(WELL, NEW, OLD) == baked(proven=NEW.id)
     together = replace(BASE, update=Updating(atomic="motion"))
-    assert changes(WELL, NEW, OLD, service=together, sets={"motion": ("base", "arm")}) == BAKED
-    assert changes(WELL, NEW, OLD, service=together, sets={}) == {"update": replace(BAKED["update"], proven=NEW.id)}
-    assert changes(replace(WELL, **BAKED), NEW, OLD) == {"update": replace(BAKED["update"], proven=NEW.id)}
+    assert changes(WELL, NEW, OLD, service=together, sets={"motion": ("base", "arm")}) == baked()
+    assert changes(WELL, NEW, OLD, service=together, sets={}) == baked(proven=NEW.id)
+    assert changes(replace(WELL, **baked()), NEW, OLD) == baked(proven=NEW.id)
     another = {"update": replace(EDITION, proven=NEW.id)}
     assert changes(WELL, replace(NEW, digest="another"), OLD) == another, "the manifest has changed again"
     assert changes(replace(WELL, exited=RUN, error="bad"), NEW, OLD)["update"].proven == NEW.id

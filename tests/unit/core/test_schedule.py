@@ -110,12 +110,12 @@ def test_the_back_off_doubles_up_to_a_minute(failures, seconds):
 def test_answers_to_several_questions_are_one(robot):
     single = target(robot).probe
     probe = replace(single, parts=(single, replace(single, interval=3.0)))
-    yes, no = ProbeResult("run", True, 5.0), ProbeResult("run", False, 3.0, "refused", 2)
-    assert together(single, [no]) is no
+    yes, no = ProbeResult("run", True, 5.0, probe=probe), ProbeResult("run", False, 3.0, "refused", 2, probe)
+    assert together(single, [no]) == replace(no, probe=single)
     assert together(single, [None]) is None
     assert together(probe, [None, None]) is None
-    assert together(probe, [yes, replace(yes, at=4.0)]) == ProbeResult("run", True, 4.0)
-    assert together(probe, [yes, no]) == ProbeResult("run", False, 3.0, "refused", 2)
+    assert together(probe, [yes, replace(yes, at=4.0)]) == replace(yes, at=4.0)
+    assert together(probe, [yes, no]) == no
     assert together(probe, [no, no]) == no, "the same answer is told once"
     assert not together(probe, [yes, None]).ok
     assert together(probe, [yes, None]).message.endswith("has not answered yet")

@@ -34,7 +34,10 @@ def base(state: str = "running", started: str = START, service: str = "base", **
 
 
 def after(progress: Progress, *seen: Container, service: Service = BASE, **more: Any) -> Progress:
-    evidence = {"wanted": True, "ready": None, "live": None, "busy": False, "now": NOW, **more}
+    evidence = {"wanted": True, "busy": False, "now": NOW, **more}
+    for role, probe in (("ready", service.ready), ("live", service.live)):
+        answer = evidence.get(role)
+        evidence[role] = answer and replace(answer, probe=answer.probe or probe)
     return advanced(progress, service, Evidence(observed=Observed(seen), **evidence))
 
 

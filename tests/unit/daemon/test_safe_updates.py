@@ -3,7 +3,8 @@ another change or a person's word. What goes together goes back together."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import json
+from dataclasses import asdict, replace
 
 import pytest
 from changed_services import WELL, changed
@@ -12,7 +13,12 @@ from standing import stands
 from statuses import statuses
 from updates import later, retry
 
+from rorg.core.desired import desire
+from rorg.core.memory import Progress
 from rorg.core.standing import standing
+from rorg.core.update import LastGood, Update
+from rorg.daemon.saved_memory import remembered, saved_progress
+from rorg.model.probe import Probe
 
 
 @pytest.fixture
@@ -92,7 +98,7 @@ def test_a_new_live_probe_ends_nothing_before_it_has_held(virtual, before):
     later(virtual, 60)
     run = virtual.run_of("nav")
     virtual.declare({"nav": {**WELL, "live": {"tcp": 1, "interval": "1s"}}})
-    virtual.sim.hung.add(run)
+    virtual.sim.deaf.add("tcp 127.0.0.1:1")
     later(virtual, 20)
     virtual.sim.reborn(handed_on(virtual.sim.decision))
     later(virtual, 120)
@@ -100,7 +106,7 @@ def test_a_new_live_probe_ends_nothing_before_it_has_held(virtual, before):
     found = statuses(virtual)["nav"]
     assert "its change failed: did not answer" in found.trouble
     assert found.condition("Ready").status == "True"
-    virtual.sim.hung.clear()
+    virtual.sim.deaf.clear()
     retry(virtual, "nav")
     later(virtual, 60)
     assert not statuses(virtual)["nav"].trouble
@@ -118,6 +124,75 @@ def test_a_proven_live_probe_counts_also_while_another_change_bakes(virtual):
     later(virtual, 10)
     virtual.sim.hung.add(run)
     virtual.wait(lambda: virtual.run_of("nav") != run)
+
+
+LIVE = {"live": {"tcp": 1, "interval": "1s"}}
+WRONG = "tcp 127.0.0.1:99"
+"""Nothing answers there."""
+
+
+@pytest.mark.parametrize("probe", [{"ready": {"tcp": 99, "timeout": "5s"}}, {"live": {"tcp": 99, "interval": "1s"}}])
+@pytest.mark.parametrize("reborn", [False, True])
+def test_after_a_probe_that_failed_the_proven_one_still_ends_what_hangs(virtual, probe, reborn):
+    virtual.declare({"nav": {**WELL, **LIVE}})
+    virtual.settle()
+    later(virtual, 60)
+    run = virtual.run_of("nav")
+    virtual.sim.deaf.add(WRONG)
+    virtual.declare({"nav": {**WELL, **LIVE, **probe}})
+    virtual.wait(lambda: "its change failed" in statuses(virtual)["nav"].trouble)
+    if reborn:
+        virtual.sim.reborn(handed_on(virtual.sim.decision))
+        later(virtual, 5)
+    assert virtual.run_of("nav") == run
+    assert statuses(virtual)["nav"].condition("Ready").status == "True"
+    assert stands(virtual) == "failed"
+    virtual.sim.hung.add(run)
+    virtual.wait(lambda: virtual.run_of("nav") not in ("", run))
+
+
+def test_readiness_is_kept_while_a_new_probe_is_tried(virtual):
+    virtual.declare({"nav": {**WELL, "ready": {"tcp": 1}}, "tour": {**WELL, "needs": ["nav"]}})
+    virtual.settle()
+    later(virtual, 60)
+    virtual.sim.deaf.add(WRONG)
+    virtual.declare({"nav": {**WELL, "ready": {"tcp": 99, "timeout": "5s", "failures": 1}}, "tour": WELL})
+    while "its change failed" not in statuses(virtual)["nav"].trouble:
+        assert statuses(virtual)["nav"].condition("Ready").status == "True"
+        later(virtual, 1)
+    later(virtual, 30)
+    assert statuses(virtual)["nav"].condition("Ready").status == "True"
+
+
+def test_what_comes_back_is_asked_as_it_was_when_it_was_proven(virtual):
+    virtual.declare({"nav": {**WELL, "ready": {"tcp": 1}, **LIVE}})
+    virtual.settle()
+    later(virtual, 60)
+    before = virtual.container("nav").id
+    virtual.sim.deaf.add(WRONG)
+    virtual.declare({"nav": changed(1, ready={"tcp": 99, "timeout": "5s"})})
+    virtual.wait(lambda: ids(virtual).get("nav", before) != before)
+    virtual.wait(lambda: ids(virtual).get("nav") == before)
+    later(virtual, 10)
+    assert statuses(virtual)["nav"].condition("Ready").status == "True"
+    run = virtual.run_of("nav")
+    virtual.sim.hung.add(run)
+    virtual.wait(lambda: virtual.run_of("nav") not in ("", run))
+
+
+def test_a_file_that_a_signal_makes_a_program_read_is_good_after_a_bake(virtual):
+    virtual.declare({"nav": {**WELL, "on_change": "signal SIGHUP", "update": {"bake": "20s"}}})
+    catalog = virtual.sim.desired.catalog
+    virtual.sim.desired = desire(catalog, contents={"nav": {"nav.conf": "1"}})
+    virtual.settle()
+    later(virtual, 60)
+    run = virtual.run_of("nav")
+    virtual.sim.desired = desire(replace(catalog, fingerprint="2"), contents={"nav": {"nav.conf": "2"}})
+    later(virtual, 15)
+    assert stands(virtual) == "baking"
+    later(virtual, 10)
+    assert stands(virtual) == "good"
+    assert virtual.run_of("nav") == run
 
 
 # -- quarantine ------------------------------------------------------------------------------------------------
@@ -357,3 +432,32 @@ def test_what_waits_until_it_is_ceased_is_still_to_be_applied(virtual):
     virtual.kill("nav")
     virtual.wait(lambda: stands(virtual) == "good")
     assert ids(virtual) != before
+
+
+# -- what the next rorg knows ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "probe",
+    [
+        None,
+        Probe("tcp", "127.0.0.1:80", 5.0, 0.5, 3),
+        Probe("delay", 2.5),
+        Probe("ros_rate", ("/scan", "5"), graph="ros2:7"),
+        Probe("all", "", parts=(Probe("tcp", 80), Probe("file", "/run/ready"))),
+    ],
+    ids=lambda probe: probe.kind if probe else "none",
+)
+def test_the_next_rorg_knows_the_probes_that_were_proven(probe):
+    known = LastGood("v1:abc", probe, replace(probe, failures=1) if probe else None)
+    saved = {"nav": saved_progress(Progress(update=Update(edition="now", last_good=known)), None, "boot")}
+    assert remembered(json.loads(json.dumps(saved)), 0.0, "boot").of("nav").update.last_good == known
+
+
+def test_malformed_probes_count_as_unknown():
+    sound = saved_progress(Progress(update=Update(last_good=LastGood("v1:abc", Probe("tcp", 80), None))), None, "boot")
+    for wrong in ("x", 5, [], {"digest": "v1:abc"}, {**sound["last_good"], "ready": {**PROBE, "target": {}}}):
+        assert remembered({"nav": {**sound, "last_good": wrong}}, 0.0, "boot").of("nav").update.last_good is None
+
+
+PROBE = asdict(Probe("tcp", 80))

@@ -55,9 +55,10 @@ def test_a_ready_service_is_asked_once_a_second_at_the_most():
 
 
 def test_the_whole_holds_when_all_parts_do_and_names_those_that_do_not():
-    yes, missing = ProbeResult("run", True, 4.0), ProbeResult("run", False, 5.0, "/planner is not registered", 2)
-    assert together(both(), [yes, replace(yes, at=3.0)]) == ProbeResult("run", True, 3.0)
-    assert together(both(), [missing, yes]) == ProbeResult("run", False, 4.0, "/planner is not registered", 2)
+    yes = ProbeResult("run", True, 4.0, probe=both())
+    missing = ProbeResult("run", False, 5.0, "/planner is not registered", 2, both())
+    assert together(both(), [yes, replace(yes, at=3.0)]) == replace(yes, at=3.0)
+    assert together(both(), [missing, yes]) == replace(missing, at=4.0)
     refused = replace(missing, message="tcp 127.0.0.1:9090: Connection refused", failures=1)
     said = together(both(), [missing, refused])
     assert (said.message, said.failures) == ("/planner is not registered; tcp 127.0.0.1:9090: Connection refused", 2)
