@@ -25,7 +25,8 @@ def bad(robot: WalkRobot, edits: Edits) -> list[str]:
     """Services of which no container stays well for its bake as these edits have them. A program that ends after half a
     second has been well for a bake of no time."""
     services = robot.desired.catalog.services
-    return [n for i, n in enumerate(robot.world.names) if edits.bad(i) and services[n].update.bake > 0.0]
+    baked = {n for n in robot.world.names if services[n].update.bake > 0.0}
+    return [n for i, n in enumerate(robot.world.names) if edits.bad_probe(i) or (edits.bad(i) and n in baked)]
 
 
 @at("pass")
@@ -79,7 +80,7 @@ def the_history_trusts_nothing_bad(watch: Watch) -> None:
 
 def differ(one: Edits, other: Edits, index: int) -> bool:
     """Return whether a service is not the same in both."""
-    return (one.editions[index], one.files[index]) != (other.editions[index], other.files[index])
+    return any(getattr(one, part)[index] != getattr(other, part)[index] for part in ("editions", "files", "probes"))
 
 
 @at("rest")

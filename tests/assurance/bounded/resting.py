@@ -39,7 +39,13 @@ def loops(watch: Watch) -> set[str]:
     able = [c for c in robot.engine.list() if {*c.networks.values()} <= there]
     well = {c.service for c in able if c.digest not in robot.faults.bad and not ended(watch, c)}
     failed = {n for n in robot.desired.digests if robot.memory.of(n).update.failed}
-    return closure_of(robot.desired.catalog, ((bad(watch) | failed) - well) | robot.bad_files)
+    return closure_of(robot.desired.catalog, ((bad(watch) | failed) - well) | robot.bad_files | unanswered(watch))
+
+
+def unanswered(watch: Watch) -> set[str]:
+    """Services with a bad probe that have no container that was proven with another one."""
+    robot, there = watch.robot, {c.id for c in watch.robot.engine.list()}
+    return {name for name in robot.bad_probes if robot.memory.of(name).update.well not in there}
 
 
 def ended(watch: Watch, container: Container) -> bool:

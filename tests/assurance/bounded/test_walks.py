@@ -8,7 +8,9 @@ import pytest
 from bounded.invariants import INVARIANTS, Invariant
 from bounded.steps import DO
 from bounded.walk_steps import DOES, WEIGHTS
+from bounded.walk_worlds import JOINS, MORE_SINGLE, world_of
 from bounded.walks import CASES, REST, Tally, Walk, broken, draw, load, save, shrink
+from bounded.worlds import TRIPLE
 
 WALKS = int(os.environ.get("RORG_TEST_WALKS") or 20)
 OFTEN = 500
@@ -53,6 +55,15 @@ def test_a_walk_is_drawn_again_from_its_seed():
     one, other = Tally(), Tally()
     assert str(broken(draw(1, 2), one)) == str(broken(draw(1, 2), other))
     assert (one.steps, one.passes) == (other.steps, other.passes)
+
+
+@pytest.mark.parametrize("feature", [*MORE_SINGLE, *JOINS, *TRIPLE, "needs", "restart", "conflict", "gpu", "set"])
+def test_rorg_accepts_each_feature(feature):
+    """A world that it refuses is never walked."""
+    of = ("0",) if feature in MORE_SINGLE else ("2", "1", "0") if feature in TRIPLE else ("1", "0")
+    needs = [("needs", "1", "0")] if feature in ("restart", *JOINS) else []
+    world = world_of(3, (*needs, (feature, *of)))
+    assert world.trees.load(world.trees.first()) is not None
 
 
 def test_each_verb_can_be_walked():

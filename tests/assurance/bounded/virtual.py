@@ -165,9 +165,9 @@ class WorldRobot(Reader):
         }
 
     def _seconds_to_next_probe(self) -> float:
-        """What is frozen answers nothing, however often it is asked."""
+        """What is frozen, and what is asked where nothing answers, gives no other answer however often it is asked."""
         seconds = super()._seconds_to_next_probe()
-        return max(seconds, 2.0) if self.hung else seconds
+        return max(seconds, 2.0) if self.hung or self.bad_probes else seconds
 
     # -- time ------------------------------------------------------------------------------------------------------
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 from bounded.virtual import WorldRobot
-from bounded.walk_worlds import BAD, Edits, WalkWorld
+from bounded.walk_worlds import BAD, DEAF, Edits, WalkWorld
 
 from rorg.core.desired import Desired
 from rorg.core.masking import Masker
@@ -80,6 +80,7 @@ class WalkRobot(WorldRobot):
         desired = world.trees.load(edits)
         assert desired is not None
         super().__init__(desired.catalog)
+        self.deaf.add(f"tcp {DEAF}")
         self.boot = "this boot"
         self.world, self.held = world, dict[str, float]()
         self.downtimes = 0
@@ -105,6 +106,7 @@ class WalkRobot(WorldRobot):
             return False
         self.journal.commit(edits, desired)
         self.desired, self.faults.bad = desired, self.world.trees.bad
+        self.bad_probes = frozenset(n for i, n in enumerate(self.world.names) if edits.bad_probe(i))
         self.bad_files = frozenset(n for n, f in zip(self.world.names, edits.files, strict=True) if f in BAD)
         return True
 

@@ -30,6 +30,7 @@ WEIGHTS: Mapping[str, int] = {
     **dict.fromkeys(("turn", "change", "spoil", "crash"), 5),
     **dict.fromkeys(("revert", "rollback", "reborn", "others", "file", "spoil_file", "undo"), 4),
     **dict.fromkeys(("lease", "urgent", "ask", "replace", "always", "refuse", "killed", "retry", "restart"), 3),
+    **dict.fromkeys(("probe", "spoil_ready", "spoil_live"), 3),
     **dict.fromkeys(("hold", "hand_stop", "hand_start", "hand_pause", "hand_remove", "bounce"), 3),
     **dict.fromkeys(("freeze", "skip", "stale", "twice", "outage", "back", "ahead", "unplug", "lock"), 2),
     **dict.fromkeys(CALLS, 2),
@@ -40,7 +41,21 @@ WEIGHTS: Mapping[str, int] = {
 GLOBAL = ("stale", "twice", "reborn", "killed", "outage", "back", "ahead", "rollback", "revert", "unplug", "down")
 PAIRS = ("ask", "replace")
 CALM = ("request", "lease", "urgent", "ask", "release", "turn", "others", "replace")
-EDITING = ("change", "spoil", "refuse", "always", "file", "spoil_file", "undo", "revert", "rollback", "hold")
+EDITING = (
+    "change",
+    "spoil",
+    "refuse",
+    "always",
+    "file",
+    "spoil_file",
+    "probe",
+    "spoil_ready",
+    "spoil_live",
+    "undo",
+    "revert",
+    "rollback",
+    "hold",
+)
 HARMLESS = ("reborn", "both", "outage", "twice", "stale", "back", "ahead", "lock")
 """Verbs, with those of CALM and EDITING, after which no good change counts as failed."""
 
@@ -62,7 +77,7 @@ def take(world: WalkWorld, robot: WalkRobot, step: Step) -> bool:
 def edit(part: str, value: str, robot: WalkRobot, index: int) -> bool:
     """A person writes a manifest or a file. A `change` is from one good edition to the other."""
     name, edits = robot.world.names[index], robot.edits
-    if part == "files" and name not in robot.world.files:
+    if (part == "files" and name not in robot.world.files) or (part == "probes" and name not in robot.world.probed):
         return False
     old = getattr(edits, part)
     new = value or ("1" if old[index] == "0" else "0")
@@ -81,7 +96,7 @@ def undo(robot: WalkRobot, index: int) -> bool:
     return robot.commit(replace(edits, **parts))
 
 
-PARTS = ("editions", "files")
+PARTS = ("editions", "files", "probes")
 
 
 def revert(robot: WalkRobot) -> bool:
@@ -245,6 +260,9 @@ DOES: Mapping[str, Callable[..., bool]] = {
     "refuse": partial(edit, "editions", "refused"),
     "file": partial(edit, "files", ""),
     "spoil_file": partial(edit, "files", "bad"),
+    "probe": partial(edit, "probes", ""),
+    "spoil_ready": partial(edit, "probes", "ready"),
+    "spoil_live": partial(edit, "probes", "live"),
     "always": always,
     "undo": undo,
     "revert": revert,

@@ -21,6 +21,7 @@ from robots import DUMPER, WORK
 from rorg.core.desired import Desired, desire
 from rorg.manifest.load import load
 from rorg.model.catalog import Catalog
+from rorg.model.probe import Probe
 
 DEVICE = "/dev/arm"
 MORE_SINGLE: Mapping[str, dict] = {
@@ -34,17 +35,27 @@ MORE_SINGLE: Mapping[str, dict] = {
     "kept": {"driver": {"devices": [DEVICE], "unplugged": "keep"}},
     "locked": {"interlock": {"file": "/allow"}},
     "file": {},
-    "reload": {"on_change": "SIGHUP"},
+    "reload": {"on_change": "signal SIGHUP"},
 }
 """Feature of one service -> what it adds to its manifest. `file` and `reload`: it mounts a file of the tree."""
 FILES = ("file", "reload")
 IDLING = ("pause", "escalate", "stops", "remove")
 JOINS = ("network_mode", "pid")
 MOST_SERVICES, MOST_FEATURES = 5, 5
-NEEDED = 0.3
-"""How often a service needs an earlier one."""
+NEEDED, PROBED = 0.3, 0.3
+"""How often a service needs an earlier one, and how often it has probes."""
 BAD = ("bad", "refused")
 """Editions whose containers end, or that the engine does not start. A file may be bad too: its reader ends."""
+DEAF = "127.0.0.1:99"
+"""Where nothing answers."""
+PROBES: Mapping[str, Mapping[str, str]] = {
+    "0": {},
+    "1": {"ready": "127.0.0.1:2", "live": "127.0.0.1:2"},
+    "ready": {"ready": DEAF},
+    "live": {"live": DEAF},
+}
+"""What is edited of probes: role -> what it asks instead. The last two are bad."""
+BAD_PROBES = ("ready", "live")
 
 
 @dataclass(frozen=True)
@@ -53,18 +64,27 @@ class Edits:
 
     editions: tuple[str, ...]
     files: tuple[str, ...]
+    probes: tuple[str, ...]
     always: tuple[bool, ...]
 
     def bad(self, index: int) -> bool:
         """Return whether no container of a service stays well."""
-        return self.editions[index] in BAD or self.files[index] in BAD
+        return self.editions[index] in BAD or self.files[index] in BAD or self.bad_probe(index)
+
+    def bad_probe(self, index: int) -> bool:
+        """Return whether nothing answers a probe of a service."""
+        return self.probes[index] in BAD_PROBES
 
 
 @dataclass(frozen=True)
 class WalkWorld(World):
-    """A world with files. `files`: services that mount one."""
+    """A world with files and probes. `files`: services that mount one; `probed`: those with probes."""
 
     files: frozenset[str] = frozenset()
+
+    @property
+    def probed(self) -> set[str]:
+        return {name for name, spec in self.specs.items() if "live" in spec}
 
     @cached_property
     def trees(self) -> Trees:
@@ -84,7 +104,7 @@ class Trees:
     def first(self) -> Edits:
         specs = self.world.specs.values()
         none = ("0",) * len(specs)
-        return Edits(none, none, tuple(bool(s.get("always_on")) for s in specs))
+        return Edits(none, none, none, tuple(bool(s.get("always_on")) for s in specs))
 
     def load(self, edits: Edits) -> Desired | None:
         if edits not in self.known:
@@ -112,17 +132,24 @@ class Trees:
             if edition != "0" and service.spec is not None:
                 environment = {**service.spec.get("environment", {}), "EDITION": edition}
                 services[name] = replace(service, spec={**service.spec, "environment": environment})
+        for name, asked in zip(self.world.names, edits.probes, strict=True):
+            others = {role: _asking(getattr(services[name], role), where) for role, where in PROBES[asked].items()}
+            services[name] = replace(services[name], **others)
         contents = {
             name: {f"services/{name}.conf": file}
             for name, file in zip(self.world.names, edits.files, strict=True)
             if name in self.world.files
         }
-        manifests = repr((edits.editions, edits.always))
+        manifests = repr((edits.editions, edits.probes, edits.always))
         desired = desire(replace(catalog, services=services, fingerprint=manifests), contents=contents)
         for name, edition in zip(self.world.names, edits.editions, strict=True):
             if edition in BAD:
                 self.bad[desired.digests[name]] = {"bad": "exit", "refused": "start"}[edition]
         return desired
+
+
+def _asking(probe: Probe | None, where: str) -> Probe | None:
+    return probe and replace(probe, target=where)
 
 
 def draw_features(chance: random.Random) -> tuple[int, tuple[Feature, ...]]:
@@ -131,11 +158,12 @@ def draw_features(chance: random.Random) -> tuple[int, tuple[Feature, ...]]:
     pairs = [(str(a), str(b)) for a, b in itertools.combinations(range(count), 2)]
     needs = [("needs", b, a) for a, b in pairs if chance.random() < NEEDED]
     needed = [(b, a) for _, b, a in needs]
+    probes = [("probe", str(n)) for n in range(count) if chance.random() < PROBED]
     slots: list[Feature] = [(name, str(n)) for name in MORE_SINGLE for n in range(count)]
     slots += [(name, *pair) for name in ("restart", *JOINS) for pair in needed for _ in range(3)]
     slots += [(name, a, b) for name in ("conflict", "gpu", "set") for a, b in pairs for _ in range(2)]
     slots += [(name, *chance.sample([*map(str, range(count))], 3)) for name in TRIPLE if count > 2 for _ in range(5)]
-    return count, (*needs, *dict.fromkeys(chance.sample(slots, chance.randint(0, MOST_FEATURES))))
+    return count, tuple(dict.fromkeys([*needs, *probes, *chance.sample(slots, chance.randint(0, MOST_FEATURES))]))
 
 
 @lru_cache(maxsize=64)
@@ -161,4 +189,5 @@ def world_of(count: int, features: tuple[Feature, ...]) -> WalkWorld | None:
 
 def _add(spec: dict, more: Mapping) -> None:
     for key, value in more.items():
-        spec[key] = {**spec.get(key, {}), **value} if isinstance(value, Mapping) else value
+        merges = isinstance(value, Mapping) and key != "ready"  # a probe takes the place of a delay
+        spec[key] = {**spec.get(key, {}), **value} if merges else value

@@ -60,6 +60,7 @@ class Reader(SimRobot):
     refused: frozenset[str] = frozenset()
     """Digests of containers that the engine did not start."""
     bad_files: frozenset[str] = frozenset()
+    bad_probes: frozenset[str] = frozenset()
     """Services that mount a file with which their programs end."""
     patience = 0.0
     """Seconds between passes at least, while all probes say what they said before."""
