@@ -9,6 +9,7 @@ from bounded.watch import EXACT, Watch, known, namespaces
 
 from rorg.core.joining import joined_of
 from rorg.core.observed import LABEL_SPEC
+from rorg.core.operations import Stop
 from rorg.core.plan import Action
 from rorg.core.probes_in_force import fits
 from rorg.model.graph import conflicting
@@ -123,6 +124,16 @@ def a_restart_has_its_cause(watch: Watch) -> None:
         # By hand at that moment, too, or shortly before, which rorg could not see.
         late = since[-1] >= watch.starts.get(name, -1.0) or need in watch.unseen.get(name, ())
         assert late, f"{need} was not restarted"
+
+
+@at("begin")
+def no_new_probe_ends_what_was_proven(watch: Watch) -> None:
+    """A container that was proven ends for its `live` probe only if its program does not answer any more."""
+    name, action = watch.action
+    step = watch.robot.memory.of(name)
+    if isinstance(action.operation, Stop) and action.operation.incarnation == step.hung and step.hung:
+        proven = action.operation.container == step.update.well and step.update.baked != step.update.edition
+        assert not proven or step.hung in watch.robot.hung, f"{name} answers the probe that it was proven with"
 
 
 @at("begin")

@@ -12,6 +12,7 @@ TRUST, KEPT, NEVER = "the history trusts nothing bad", "what failed stays failed
 AGAIN, HOLD = "what failed is not tried again", "a hold lasts as long as it said"
 ASKED: tuple[Step, float] = (("request", 0), 6.0)
 """A service is requested, and stays well."""
+PROBED: tuple[Feature, ...] = (("probe", "0"),)
 OTHER: tuple[Step, float] = (("request", 1), 6.0)
 
 
@@ -210,5 +211,21 @@ DEFECTS_OF_UNDO = (
         '    locked = ""\n',
         ("nothing begins while it must not", PLAN),
         walk=walk((("request", 0), 1.0), (("lock", 0), 0.0), (("release", 0), REST), features=(("locked", "0"),)),
+    ),
+    Defect(
+        "a probe that failed stays in force",
+        "core/probes_in_force.py",
+        "    return replace(service, ready=good.ready, live=good.live)\n",
+        "    return service\n",
+        ("the hung are restarted",),
+        walk=walk(ASKED, (("spoil_live", 0), 40.0), (("freeze", 0), REST), features=PROBED),
+    ),
+    Defect(
+        "a new live probe ends what was proven",
+        "core/transitions.py",
+        "not is_live_untried(service, progress.update, current)",
+        "True",
+        ("no new probe ends what was proven",),
+        walk=walk(ASKED, (("spoil_live", 0), REST), features=PROBED),
     ),
 )
