@@ -135,7 +135,8 @@ def _judged_alone(
     progress: Progress, service: Service, current: Container, desired: Desired, evidence: Evidence
 ) -> Progress:
     """Judge a service without a previous container. If only its probes or files changed, the container that was proven
-    is tried with them; if it does not answer in time, the change has failed."""
+    is tried with them; if it does not answer in time, the change has failed. One that was never proven is then no
+    longer ready."""
     update = progress.update
     if update.baked == update.edition or update.failed or not fits(current, service.name, desired):
         return _awaiting(progress, None)
@@ -148,11 +149,13 @@ def _judged_alone(
         return _baked(progress, service, current, desired)
     if not verdict.error or progress.running_since is None or progress.hung == progress.incarnation:
         return progress
-    if not is_as_proven(update, current):
-        return progress
     if is_ready_untried(service, update, current):
         return replace(failed(progress, verdict.error, evidence.now), probe="")
-    return replace(failed(progress, verdict.error, evidence.now), ready=False, was_ready=False, well_since=None)
+    if is_as_proven(update, current):
+        progress = failed(progress, verdict.error, evidence.now)
+    elif not progress.ready:
+        return progress
+    return replace(progress, ready=False, was_ready=False, well_since=None)
 
 
 def _awaiting(progress: Progress, since: float | None) -> Progress:

@@ -100,6 +100,23 @@ def test_a_program_that_hangs_is_restarted(real_robot, tmp_path):
     real_robot.wait(lambda: real_robot.status()["services"]["server"]["crashes"] == 1)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("role", ["ready", "live"])
+def test_a_program_that_hangs_is_restarted_also_after_a_probe_that_failed(real_robot, tmp_path, role):
+    spec = server(tmp_path, real_robot, always_on=True, update={"bake": "200ms"})
+    spec["live"] = {"file": spec["container"]["environment"]["ALIVE_FILE"], "interval": "500ms", "failures": 2}
+    real_robot.declare({"server": spec})
+    real_robot.wait(lambda: real_robot.status().get("runs", {}).get("server", {}).get("baked"))
+    before = real_robot.container("server").incarnation
+    wrong = {"tcp": free_port(), "timeout": "1s"} if role == "ready" else {"tcp": free_port(), "interval": "200ms"}
+    real_robot.declare({"server": {**spec, role: wrong}})
+    real_robot.wait(lambda: real_robot.status()["runs"]["server"].get("quarantined"))
+    assert health(real_robot, "server") == "Healthy"
+    assert real_robot.container("server").incarnation == before
+    tell(real_robot, "server", "SIGUSR2")
+    real_robot.wait(lambda: "server" in real_robot.active() and real_robot.container("server").incarnation != before)
+
+
 def test_what_hangs_again_and_again_is_restarted_with_growing_pauses(tmp_path):
     from robots import VirtualRobot
 

@@ -6,7 +6,7 @@ import re
 from graphlib import CycleError, TopologicalSorter
 
 from bounded.registry import at
-from bounded.resting import loops
+from bounded.resting import loops, unanswered
 from bounded.walk_robot import WalkRobot
 from bounded.walk_worlds import Edits
 from bounded.watch import Watch
@@ -62,6 +62,16 @@ def nothing_waits_for_itself(watch: Watch) -> None:
         TopologicalSorter(graph).prepare()
     except CycleError as ring:
         raise AssertionError(f"they wait for one another: {ring.args[1]}\n{watch.robot.decision.plan.text()}") from ring
+
+
+@at("rest")
+def what_does_not_answer_is_not_ready(watch: Watch) -> None:
+    """Nobody relies on a service that never answered its `ready` probe, unless it was proven with another one."""
+    if (robot := walker(watch)) is None:
+        return
+    deaf = {n for i, n in enumerate(robot.world.names) if robot.edits.probes[i] == "ready"} & unanswered(watch)
+    ready = {name for name in deaf if robot.memory.of(name).ready}
+    assert not ready, f"ready without an answer: {ready}"
 
 
 @at("rest")

@@ -232,6 +232,12 @@ def test_what_denies_its_old_probe_after_a_change_of_a_file_is_no_longer_ready()
     assert changes(was, base(digest="another"), service=PROBED) == {}
 
 
+def test_what_was_never_proven_and_denies_a_new_probe_is_no_longer_ready():
+    late = {"service": PROBED, "now": 122.0, "looked": 122.0, "ready": said(False, at=122.0)}
+    assert changes(WELL, base(), **late) == {"ready": False, "was_ready": False, "well_since": None}
+    assert changes(WELL, base(), **{**late, "now": 121.9}) == {"unproven_since": 92.0}
+
+
 def test_a_new_live_probe_that_denies_has_failed_at_once():
     ready = replace(WELL, update=PROVEN)
     found = changes(ready, base(), service=WATCHED, live=said(False))
