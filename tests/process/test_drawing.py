@@ -12,6 +12,7 @@ from xml.etree import ElementTree
 import commands
 import pytest
 from common import ROOT
+from tools import graphviz
 
 from rorg.plots.drawing import LETTER
 
@@ -19,6 +20,7 @@ NEEDED = ("usb_cam", "microphone", "freight_base")
 
 
 def picture(*words: str) -> ElementTree.Element:
+    graphviz()
     done = commands.rorg("graph", str(ROOT / "manifests"), "-o", "svg", *words)
     assert done.stderr == ""
     return ElementTree.fromstring(done.stdout)
@@ -120,3 +122,22 @@ def test_a_graphviz_that_does_not_work_is_one_line_with_a_remedy(tmp_path, what)
         r"try `apt install graphviz`, which brings the libraries that it needs, or -o mermaid\n",
         done.stderr,
     ), done.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("ci", "outcome"), [("", "3 skipped"), ("true", "3 errors")])
+def test_without_graphviz_these_tests_are_skipped_except_in_ci(tmp_path, ci, outcome):
+    (tmp_path / "pygraphviz.py").write_text(BROKEN["an import"])
+    search = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
+    needed = {name: value for name, value in os.environ.items() if name != "RORG_TEST_REQUIRE_DOCKER"}
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-rsE", "-k", "whole or nothing or arrows or legend", __file__],
+        cwd=ROOT,
+        env={**needed, "PYTHONPATH": search, "CI": ci},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert outcome in done.stdout
+    assert "libgobject-2.0.so.0" in done.stdout
+    assert "try `apt install graphviz`" in done.stdout

@@ -13,6 +13,7 @@ from common import BASE_IMAGE, ROOT, wait_for
 from editors import EDITOR
 from image_manifests import images
 from robots import RealRobot, write_tree
+from tools import graphviz
 
 from rorg.cli.graph import command
 from rorg.cli.names import declared
@@ -163,6 +164,7 @@ def test_it_is_drawn_without_what_a_longer_way_says(graph):
 
 
 def test_the_picture_has_a_column_for_each_level(graph):
+    graphviz()
     picture = ElementTree.fromstring(graph("-o", "svg"))
     place = {"svg": "http://www.w3.org/2000/svg"}
     lefts = {
@@ -176,6 +178,7 @@ def test_the_picture_has_a_column_for_each_level(graph):
 
 
 def test_services_have_a_picture_too(robot):
+    graphviz()
     drawn = commands.rorg("graph", "-o", "svg", RORG_STATE_DIR=str(robot.state.path)).stdout
     assert {t.text for t in ElementTree.fromstring(drawn).iterfind("{*}g/{*}text")} == {*SERVICES, "developer"}
     assert commands.rorg(
@@ -190,6 +193,8 @@ def test_a_graph_that_there_is_not(tmp_path):
 
 @pytest.mark.parametrize("form", ["table", "wide", "name", "yaml", "json", "dot", "mermaid", "svg"])
 def test_a_tree_without_images_has_a_graph_too(tmp_path, capsys, monkeypatch, form):
+    if form == "svg":
+        graphviz()
     monkeypatch.setenv("RORG_STATE_DIR", str(tmp_path / "state"))
     write_tree(tmp_path / "tree", {"nav": {}})
     command("images", tmp_path / "tree", form)

@@ -12,6 +12,7 @@ from commands import rorg
 from common import ROOT, wait_for
 from rorg_client import Client
 from rorg_process import RorgProcess
+from tools import graphviz
 
 from rorg.history.database import Database
 from rorg.history.usage import MACHINE, Measured, UsageTable
@@ -91,6 +92,7 @@ def test_the_same_record_gives_the_same_picture_and_needs_no_rorg(robot, tmp_pat
 
 
 def test_the_graph_shows_states_by_sign_and_colour(robot, tmp_path):
+    graphviz()
     rorg("plot", "graph", "-o", tmp_path / "graph.svg", "--state-dir", robot.state)
     told = texts(tmp_path / "graph.svg")
     assert {"● arm", "◫ navigation", "○ tour", "○ unused", "needs"} <= told
@@ -100,6 +102,8 @@ def test_the_graph_shows_states_by_sign_and_colour(robot, tmp_path):
 
 @pytest.mark.parametrize("what", ["usage", "timeline", "graph"])
 def test_every_picture_comes_in_every_form(robot, tmp_path, what):
+    if what == "graph":
+        graphviz()
     for form in ("svg", "png", "html"):
         rorg("plot", what, "-o", tmp_path / f"x.{form}", "--state-dir", robot.state)
     assert (tmp_path / "x.png").read_bytes().startswith(b"\x89PNG")

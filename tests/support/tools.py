@@ -36,6 +36,17 @@ def no_tool(reason: str) -> NoReturn:
     pytest.skip(reason)
 
 
+def graphviz() -> None:
+    """Skip a test that draws a graph, or fail it, if Graphviz does not work. pygraphviz contains Graphviz, but not all
+    libraries that it needs."""
+    try:
+        import pygraphviz
+
+        pygraphviz.AGraph("digraph { a -> b }").layout("dot")
+    except (ImportError, OSError, ValueError) as error:
+        no_tool(f"Graphviz does not work here: {error}; try `apt install graphviz`, which has its libraries")
+
+
 def tool(name: str) -> str:
     """Return the path of a program, as the first word of a command. Without it the test is skipped, or fails."""
     found = shutil.which(name)
