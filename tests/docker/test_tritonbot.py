@@ -10,7 +10,7 @@ import time
 import commands
 import pytest
 import yaml
-from common import ROOT, free_port, wait_for
+from common import ROOT, alone_on_the_machine, free_port, wait_for
 from image_trees import Heard
 from robots import RealRobot
 from ros_master import NODES
@@ -47,13 +47,15 @@ def images(dockerd, tmp_path_factory):
 
 @pytest.fixture
 def triton(dockerd, images, tmp_path):
-    found = RealRobot(tmp_path, "docker", dockerd.host)
-    shutil.copytree(ROOT / "manifests", found.tree)
-    shutil.copytree(ROOT / "images", found.tree.parent / "images")
-    profile = found.tree / "profiles" / "standin.yaml"
-    profile.write_text(profile.read_text() + '      STANDIN_SCALE: "0.05"\n')
-    yield found
-    found.close()
+    """Its services answer at fixed ports of the machine, which are those of `rorg demo` too."""
+    with alone_on_the_machine("demo"):
+        found = RealRobot(tmp_path, "docker", dockerd.host)
+        shutil.copytree(ROOT / "manifests", found.tree)
+        shutil.copytree(ROOT / "images", found.tree.parent / "images")
+        profile = found.tree / "profiles" / "standin.yaml"
+        profile.write_text(profile.read_text() + '      STANDIN_SCALE: "0.05"\n')
+        yield found
+        found.close()
 
 
 def rorg(robot: RealRobot, *args: str, code: int = 0) -> str:
