@@ -35,6 +35,8 @@ os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).resolve().parent)
 # Begun in the background of a shell, SIGINT is ignored, also by all that the tests start.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+ENGINES = "docker", "process", "sim"
+"""That tests have as parameters."""
 _passed: Counter[str] = Counter()
 _folders = parallel.Folders()
 
@@ -331,11 +333,17 @@ def pytest_runtest_makereport(item, call):
     if call.when == "teardown":
         witnesses.forget_closed()
     if call.when == "call" and report.passed:
-        names, params = set(item.fixturenames), item.callspec.params if hasattr(item, "callspec") else {}
-        kind = params.get("robot") or params.get("real_robot")
-        if not isinstance(kind, str):  # a test may call something else its robot
-            kind = "docker" if names & {"dockerd", "docker_robot"} else "no engine"
-        report.user_properties.append(("engine", kind))  # which reaches the controller
+        report.user_properties.append(("engine", _engine(item)))  # which reaches the controller
+
+
+def _engine(item: pytest.Item) -> str:
+    """The engine that a test ran on, which may be the value of a parameter of any name, or "no engine"."""
+    params = item.callspec.params.values() if hasattr(item, "callspec") else ()
+    needs_docker = item.get_closest_marker("docker") is not None
+    for engine in ENGINES:
+        if engine in params and (needs_docker or engine != "docker"):
+            return engine
+    return "docker" if needs_docker else "no engine"
 
 
 def pytest_runtest_logreport(report):
@@ -357,7 +365,7 @@ def pytest_terminal_summary(terminalreporter, exitstatus):
         terminalreporter.section("time by folder")
         for line in _folders.lines():
             terminalreporter.write_line(line)
-    counts = ", ".join(f"{_passed[k]} on {k}" for k in ("docker", "process", "sim") if _passed[k])
+    counts = ", ".join(f"{_passed[k]} on {k}" for k in ENGINES if _passed[k])
     terminalreporter.write_line(f"random examples: {_seed(config)}")
     terminalreporter.write_line(f"tests passed by engine: {counts or 'none'}; {_passed['no engine']} need no engine")
     if not _passed["docker"] and config.option.markexpr != "not docker":

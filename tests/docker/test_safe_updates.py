@@ -9,7 +9,7 @@ from robots import WORK, RealRobot, write_tree
 from updates import failed, running
 
 
-@pytest.fixture(params=["docker", "process"])
+@pytest.fixture(params=["process", pytest.param("docker", marks=pytest.mark.docker)])
 def robot(request, tmp_path):
     host = request.getfixturevalue("dockerd").host if request.param == "docker" else None
     found = RealRobot(tmp_path, request.param, host, with_server=True)

@@ -133,7 +133,7 @@ def standings(robot) -> list[tuple[str, str]]:
     return [(r.standing, r.reason) for r in reversed(found)]
 
 
-@pytest.fixture(params=["docker", "process"])
+@pytest.fixture(params=["process", pytest.param("docker", marks=pytest.mark.docker)])
 def served(request, tmp_path):
     """A robot whose rorg commands can ask."""
     host = request.getfixturevalue("dockerd").host if request.param == "docker" else None

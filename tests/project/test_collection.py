@@ -31,3 +31,10 @@ def test_every_worker_finds_the_tests_in_the_same_order():
         orders.add("\n".join(line for line in done.stdout.splitlines() if "::" in line))
     assert all(len(order) > 100_000 for order in orders)
     assert len(orders) == 1
+
+
+@pytest.mark.slow
+def test_a_parameter_of_any_name_says_which_engine_a_test_ran_on():
+    words = [sys.executable, "-m", "pytest", "-k", "copied and process", "tests/docker/test_robot_identity.py"]
+    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, timeout=120)
+    assert "tests passed by engine: 1 on process; " in done.stdout
