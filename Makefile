@@ -55,12 +55,12 @@ demo: $(BIN)/rorg ## the tour-guide robot of 41 stand-in services, in under two 
 # would meet the same test. Failures and errors are listed at the end, and skipped tests with their reasons.
 PARALLEL := --dist loadfile --max-worker-restart 0 -rfEs
 
-# The seed is fixed, so that everyone's run is the same; RORG_TEST_SEED=2 for other random examples. WORKERS=4 for more
-# workers than cores. The tests begin hundreds of processes, in some of which the environment forbids to keep what was
-# compiled.
+# Two workers for each core, because most tests that are slow wait; WORKERS=2 for fewer. The seed is fixed, so that
+# everyone's run is the same; RORG_TEST_SEED=2 for other random examples. The tests begin hundreds of processes, in some
+# of which the environment forbids to keep what was compiled.
 test: $(VENV)/test-installed ## lint, types, and the quick tests: 5 minutes, no Docker needed; ARGS=tests/unit for some
 	@$(BIN)/python -m compileall -q rorg clients/python
-	RORG_TEST_SEED=$(or $(RORG_TEST_SEED),1) $(BIN)/pytest $(or $(ARGS),-n $(or $(WORKERS),auto) $(PARALLEL) --no-loadscope-reorder -m "smoke or not (slow or docker)")
+	RORG_TEST_SEED=$(or $(RORG_TEST_SEED),1) $(BIN)/pytest $(or $(ARGS),-n $(or $(WORKERS),$$((2 * $$(nproc)))) $(PARALLEL) --no-loadscope-reorder -m "smoke or not (slow or docker)")
 
 # More workers than cores, because most tests that are slow wait. Random examples are new in each run; the last lines
 # name their seed. Without a Docker engine, the tests that need one are skipped.
