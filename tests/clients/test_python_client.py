@@ -250,6 +250,7 @@ def test_who_asked_too_much_waits_as_long_as_it_is_told(tmp_path):
 # -- what it reads is not older than what it changed -----------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_restart_and_a_changed_manifest_are_waited_for(robot):
     client = robot.client()
     with client.request("camera", wait=20):
@@ -370,7 +371,7 @@ def test_what_was_lost_while_rorg_was_away_is_told_too(robot):
     assert [loss.service for loss in asyncio.run(main())] == ["camera"]
 
 
-@pytest.mark.parametrize("cause", ["replaced", "crashed"])
+@pytest.mark.parametrize("cause", ["replaced", pytest.param("crashed", marks=pytest.mark.slow)])
 def test_why_it_was_lost_while_rorg_was_away_is_told_once(robot, cause):
     people = robot.client()
     spec = {"image": "x", "command": ["sh", "-c", "exec sleep 1000"], "ready": {"exec": ["true"], "interval": "50ms"}}
@@ -525,6 +526,7 @@ def manifest(name: str, spec: dict) -> str:
 # -- TLS -------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_clients_and_commands_go_over_tls_with_a_certificate(tmp_path):
     for name, authority in (("authority", ""), ("robot", "authority"), ("ada", "authority"), ("stranger", "")):
         certificate(tmp_path, name, authority)

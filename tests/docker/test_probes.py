@@ -401,6 +401,7 @@ def test_a_server_that_does_not_speak_http_has_answered():
         assert "BadStatusLine" in ask_host(Probe("http", f"http://127.0.0.1:{listener.getsockname()[1]}")).message
 
 
+@pytest.mark.slow
 def test_300_probed_services_do_not_load_the_machine():
     """One probe each a second for three seconds, over a listener that always answers."""
     woken = []

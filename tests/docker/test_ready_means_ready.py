@@ -88,6 +88,7 @@ def test_no_run_that_is_being_ended_is_called_ready(robot):
     assert told["services"]["slow"] == {"ready": True, "incarnation": now.incarnation, "reason": ""}
 
 
+@pytest.mark.slow
 def test_what_is_told_ready_runs_and_goes_on_running_while_it_is_requested(robot):
     """Programs that request, look and release back to back, with nothing that lingers."""
     declare(robot, {"cam": PAUSED, "nav": {**STOPPED, "needs": ["loc"]}, "loc": PAUSED})

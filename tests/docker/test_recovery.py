@@ -33,6 +33,7 @@ def daemon(real_robot):
     found.kill()
 
 
+@pytest.mark.slow
 def test_kill_9_at_random_moments_loses_nothing(daemon):
     robot, chance = daemon.robot, random.Random(20260101)
     daemon.start()

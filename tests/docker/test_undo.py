@@ -69,6 +69,7 @@ def test_a_bad_mounted_file_is_rolled_back(mounted):
 WAS_WELL = "caution: it was well before its last change"
 
 
+@pytest.mark.slow
 def test_why_names_the_rollback_of_a_bad_mounted_file(mounted):
     def why() -> str:
         return rorg(mounted, "why", "nav", RORG_ENGINE=mounted.kind)

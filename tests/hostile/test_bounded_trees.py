@@ -168,6 +168,7 @@ def test_comments_that_allow_take_no_time(tmp_path):
     loaded(tmp_path)
 
 
+@pytest.mark.slow
 def test_one_manifest_through_the_api_costs_little(tmp_path):
     from rorg.api.manifest_texts import check_tree
     from rorg.errors import Invalid

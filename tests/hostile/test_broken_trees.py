@@ -117,6 +117,7 @@ def test_what_nobody_thought_of_is_an_error_of_the_tree(tmp_path, monkeypatch):
     assert "ZeroDivisionError" in error.message
 
 
+@pytest.mark.slow
 def test_an_rorg_that_begins_on_all_of_them_tells_each_and_keeps_what_runs(tmp_path):
     """What is wrong while it runs is still told after a restart, when no good tree was seen yet."""
     robot = RealRobot(tmp_path, "process", None, with_server=True)

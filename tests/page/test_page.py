@@ -461,6 +461,7 @@ def test_hostile_text_stays_text(robot, watched):
     assert watched.page.locator("img").count() == 0
 
 
+@pytest.mark.slow
 def test_it_works_in_firefox_too(robot, ui, tmp_path):
     (tmp_path / "firefox").mkdir()
     page = Firefox(tmp_path / "firefox")

@@ -112,6 +112,7 @@ def test_every_command_has_a_line():
     assert set(LINES) == set(COMMANDS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("line", [line for name in LINES if name != "down" for line in LINES[name]])
 def test_a_member_needs_nothing_but_the_socket(shared, line):
     if " robot" in line and line != "init robot" and not (shared.folder / str(MEMBER) / "robot").exists():

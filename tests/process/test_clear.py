@@ -15,6 +15,7 @@ def robot(tmp_path):
     found.close()
 
 
+@pytest.mark.slow
 def test_a_state_directory_with_learned_requests_is_used_as_it_is(robot):
     robot.state.mkdir(parents=True)
     learned = robot.state / "learned.json"

@@ -259,6 +259,7 @@ def test_diff_to_a_commit_is_the_same_through_the_running_rorg_as_without(robot)
     assert [rorg(robot, "diff", *line, code=1).stdout for line in lines] == running
 
 
+@pytest.mark.slow
 def test_a_state_that_is_none_is_told_with_what_is_near(robot):
     (robot.tree / "services/base.yaml").write_text("kind: Servise\n")
     broken = robot.history.commit()
@@ -300,6 +301,7 @@ def test_two_states_are_compared_service_by_service_without_an_engine(robot):
     assert "git diff" in rorg(robot, "diff", "first..", "-u", code=2).stderr
 
 
+@pytest.mark.slow
 def test_a_revision_is_named_by_its_number_as_well(robot):
     """The one of manifests that were never committed is not there for git."""
     Path("allowed").touch()

@@ -73,6 +73,7 @@ def test_the_timeline_has_a_lane_for_all_that_ran_and_a_row_for_each_request(rob
     assert "unused" in texts(tmp_path / "none.svg"), "it was named"
 
 
+@pytest.mark.slow
 def test_the_same_record_gives_the_same_picture_and_needs_no_rorg(robot, tmp_path):
     times = ["--since", stamp(time.time() - 900), "--until", stamp(time.time())]
     for name in ("one", "two"):
@@ -100,7 +101,7 @@ def test_the_graph_shows_states_by_sign_and_colour(robot, tmp_path):
     assert {name for name in texts(tmp_path / "part.svg") if name[1:2] == " "} == {"◫ navigation", "○ tour"}
 
 
-@pytest.mark.parametrize("what", ["usage", "timeline", "graph"])
+@pytest.mark.parametrize("what", ["usage", pytest.param("timeline", marks=pytest.mark.slow), "graph"])
 def test_every_picture_comes_in_every_form(robot, tmp_path, what):
     if what == "graph":
         graphviz()

@@ -115,6 +115,7 @@ def test_the_printed_commands_do_the_same(running):
     assert git(robot, "log", "-1", "--format=%s") == f"Roll back to {robot.first[:12]}: one"
 
 
+@pytest.mark.slow
 def test_twice_goes_further_back(running):
     third = commit(running, "three", {"arm": says(3), "base": says(3)})
     good(running, third)
@@ -127,6 +128,7 @@ def test_twice_goes_further_back(running):
     assert "no earlier revision is proven" in rorg(running, "rollback", "--yes", code=5)
 
 
+@pytest.mark.slow
 def test_what_git_has_not_is_passed_over(running):
     """A file that does not count is no reason, though the state was not clean with it."""
     (running.tree / "notes.txt").write_text("mine")

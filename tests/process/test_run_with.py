@@ -26,6 +26,7 @@ def test_services_are_requested_as_long_as_the_command_runs(robot, tmp_path):  #
     assert requests(robot) == {}
 
 
+@pytest.mark.slow
 def test_the_lease_is_renewed(robot):  # noqa: F811
     code = "from rorg_client import Client; Client.request.__kwdefaults__['ttl'] = 1.0; "
     code += "from rorg.cli.main import run; run()"

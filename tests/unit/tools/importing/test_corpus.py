@@ -28,6 +28,7 @@ def test_a_project_has_its_outcome(sample, outcomes):
     assert outcomes[sample.name].how == sample.expected, outcomes[sample.name].why
 
 
+@pytest.mark.slow
 def test_warnings_are_few_enough_to_be_read(outcomes):
     """Of all that import does not ask about. More than 0.7 a service is noise, in which the true ones are lost."""
     warnings, services = (sum(getattr(one, kind) for one in outcomes.values()) for kind in ("warnings", "services"))
