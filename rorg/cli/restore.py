@@ -33,8 +33,9 @@ def command(
 
     Example: rorg restore --at 2h --wait
     """
+    from rorg.cli.goals import Known, moment_of
     from rorg.cli.past_requests import EarlierRequests
-    from rorg.cli.revert import Known, all_committed, go_back, moment_of, restoring, tree_of
+    from rorg.cli.revert import all_committed, go_back, restoring, tree_of
 
     if not at:
         raise Invalid("restore", "no time is named", "`rorg restore --at 10m`")

@@ -1,173 +1,26 @@
-"""Finds the earlier state of the manifests that is meant, and commits a return to it, for `rorg rollback` and
-`restore`."""
+"""Commits a return to an earlier state of the manifests, for `rorg rollback` and `restore`."""
 
 from __future__ import annotations
 
-import contextlib
 import os
-import re
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any
-
-from rorg_client import Error as ClientError
 
 from rorg.cli.apply import READY, bring_about, taken
 from rorg.cli.context import Context
 from rorg.cli.differences import Differences, differences
+from rorg.cli.goals import Goal
 from rorg.cli.output import note
-from rorg.cli.records import records_of
-from rorg.errors import Missing, Refused, RorgError
-from rorg.history.revisions import Revision, parse
-from rorg.host.git import commit_of
-from rorg.host.git_edit import SHORT, Restoring, changed, subject_of, top_of, unknown
+from rorg.errors import Refused
+from rorg.host.git_edit import SHORT, Restoring, changed, top_of, unknown
 from rorg.model.catalog import Catalog
 from rorg.model.codes import CONFIRM
-from rorg.model.units import parse_since, stamp
 
-SHORTEST = 7
-"""Least digits of a commit in a name."""
-NO_TIME = re.compile(r"[0-9]+|[0-9a-f]{7,}")
-"""A number of `rorg history` or a commit, even if it could be read as a time."""
-EARLIER = re.compile(r"^(Roll back( \S+)? to \S+( \([0-9a-f]+\))?: )+")
-"""What a rollback writes before the subject of the commit that it returns to: of many in a row, the last is enough."""
 Agreed = Callable[[dict[str, Any] | None, Differences], None]
 """Shows the plan and its owner, and asks. Raises Refused."""
 NAMED = 10
 """Files that an error names."""
-KNOWN = 1000
-"""Revisions that are searched, the newest first."""
-
-
-@dataclass(frozen=True, slots=True)
-class Goal:
-    """A state to return to."""
-
-    commit: str
-    """The full hash."""
-    name: str
-    """Its name: a number of `rorg history`, or what git understands."""
-    subject: str
-    doubt: str = ""
-    """Why it is not known to work; empty if it is, or if nothing is on record of it."""
-
-    @property
-    def title(self) -> str:
-        """As in 12 (abc1234): subject"""
-        short = self.commit[:SHORT]
-        same = NO_TIME.fullmatch(self.name) and len(self.name) >= SHORTEST and self.commit.startswith(self.name)
-        return f"{short if same else f'{self.name} ({short})'}: {EARLIER.sub('', self.subject)}"
-
-
-class Known:
-    """The revisions on record, read only if one is needed: git finds its own names."""
-
-    def __init__(self, context: Context) -> None:
-        self.context = context
-
-    @cached_property
-    def revisions(self) -> list[Revision]:
-        """The newest first. Raises Unreachable if the files may not be read and no rorg runs."""
-        with records_of(self.context) as records:
-            rows = records.listed(KNOWN)
-        return [Revision(**{**row, "errors": tuple(row["errors"])}) for row in rows]
-
-    def get(self, number: int) -> Revision | None:
-        return next((r for r in self.revisions if r.number == number), None)
-
-    def at(self, time: str) -> Revision | None:
-        """The revision that was in force at a time (ISO 8601 in UTC)."""
-        return next((r for r in self.revisions if r.at <= time and r.standing != "refused"), None)
-
-    def committed(self, revision: Revision, root: Path) -> bool:
-        """Whether its commit contains everything of it. If files differed from the commit, the fingerprint of the
-        manifests decides."""
-        from rorg.daemon.commit_tree import load_at
-        from rorg.daemon.tree import Tree
-
-        if not (revision.commit and commit_of(root, revision.commit)):
-            return False
-        if not revision.dirty:
-            return True
-        with contextlib.suppress(RorgError):
-            engine = (self.context.live() or {}).get("engine_name") or self.context.engine_name
-            tree = Tree(root, engine=engine, host=revision.robot)
-            return load_at(tree, revision.commit).catalog.fingerprint == revision.fingerprint
-        return False
-
-    @cached_property
-    def earlier(self) -> dict[int, str]:
-        """The revisions that a rollback may return to, by number, the newest first, each with the doubt about it."""
-        with records_of(self.context) as records:
-            return {row["number"]: row["doubt"] for row in records.earlier()}
-
-    def doubt(self, revision: Revision) -> str:
-        """Why a revision is not known to work; empty if it is."""
-        if revision.standing == "failed":
-            return f"revision {revision.number} failed: {revision.reason}"
-        doubt = self.earlier.get(revision.number, "" if revision.standing == "good" else f"it is {revision.standing}")
-        return f"revision {revision.number} is not known to work: {doubt}" if doubt else ""
-
-    def doubt_about(self, commit: str) -> str:
-        """The same of the last revision of a commit, if one is on record."""
-        with contextlib.suppress(RorgError, ClientError):  # git finds a commit also if the history may not be read
-            found = next((r for r in self.revisions if r.commit == commit and not r.dirty), None)
-            return self.doubt(found) if found else ""
-        return ""
-
-    def proven_before(self, root: Path) -> Revision:
-        """The last revision before the current one that can be trusted and has a complete commit. Raises Refused."""
-        known = [r for number in self.earlier if (r := self.get(number))]
-        trusted = (r for r in known if not self.earlier[r.number])
-        found = next((r for r in trusted if self.committed(r, root)), None)
-        if found is None:
-            doubts = [f"revision {r.number}: {self.earlier[r.number] or 'git does not have all of it'}" for r in known]
-            why = "; ".join(["no earlier revision is proven", *doubts[:NAMED]])
-            raise Refused("roll back", why, "`rorg rollback REV`, with a REV of `rorg history` or `git log`")
-        return found
-
-
-def goal_of(text: str, revisions: Known, root: Path) -> Goal:
-    """The goal that a REV names; by default the last good one. Raises Missing and Refused."""
-    revision = parse(text, revisions) if text else revisions.proven_before(root)
-    if isinstance(revision, Revision):
-        return goal(revision, revisions, root)
-    commit = commit_of(root, revision)
-    if not commit:
-        why = "no such number in `rorg history`, and git knows no such commit, tag or branch"
-        raise Missing(f"find the revision '{text}'", why, "`rorg history`, or `git log`")
-    return Goal(commit, revision, subject_of(root, commit), revisions.doubt_about(commit))
-
-
-def goal(revision: Revision, revisions: Known, root: Path) -> Goal:
-    """The commit of a revision. Raises Refused if git does not have all of it."""
-    if not revisions.committed(revision, root):
-        commit = revision.commit[:SHORT]
-        why = f"the repository no longer contains {commit}" if commit else "it was in no repository"
-        if revision.dirty:
-            why = f"it was {commit} with uncommitted changes"
-        raise Refused(f"go back to revision {revision.number}", why, "another revision of `rorg history`")
-    return Goal(revision.commit, str(revision.number), revision.subject, revisions.doubt(revision))
-
-
-def moment_of(text: str, revisions: Known, root: Path, now: float) -> tuple[str, Goal]:
-    """(ISO 8601 in UTC, the state then) of a time, or of a REV: when that was proven good, or when it began. `now` in
-    seconds since the epoch. Raises Missing and Refused."""
-    if not NO_TIME.fullmatch(text):
-        with contextlib.suppress(ValueError):
-            moment = stamp(parse_since(text, now))
-            revision = revisions.at(moment)
-            if revision is None:
-                raise Refused(f"restore {text}", f"nothing is on record of {moment}", "`rorg history`")
-            return moment, goal(revision, revisions, root)
-    wanted, meant = goal_of(text, revisions, root), parse(text, revisions)
-    of_it = (r for r in revisions.revisions if r.commit == wanted.commit and not r.dirty)
-    then = meant if isinstance(meant, Revision) else next(of_it, None)
-    if then is None:
-        raise Refused(f"restore {text}", f"{wanted.title} was never in force here", "`rorg rollback` with it")
-    return then.settled_at or then.at, wanted
 
 
 def restoring(root: Path, robot: str, goal: Goal, service: str) -> Restoring:

@@ -36,7 +36,8 @@ def command(
 
     Example: rorg rollback HEAD~1 --yes --wait
     """
-    from rorg.cli.revert import Known, all_committed, go_back, goal_of, is_copy, restoring, tree_of
+    from rorg.cli.goals import Known, goal_of
+    from rorg.cli.revert import all_committed, go_back, is_copy, restoring, tree_of
 
     root = tree_of(context)
     goal = goal_of(revision, Known(context), root)

@@ -12,7 +12,7 @@ from common import wait_for
 from robots import RealRobot, write_tree
 from rolled_back import ANN, git, revisions, rorg, stands
 
-from rorg.cli.revert import Goal
+from rorg.cli.goals import Goal
 from rorg.host.watch import Watcher
 
 

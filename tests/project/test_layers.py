@@ -81,7 +81,7 @@ HEAVY = set().union(*DIRECT.values(), {"httptools", "uvloop"}) - {"rorg_client",
 """What no command may load before it needs it."""
 COMPUTING = {
     *("rorg.cli.offline", "rorg.cli.local_apply", "rorg.cli.dev_containers", "rorg.cli.local", "rorg.cli.top_screen"),
-    *("rorg.cli.revert", "rorg.cli.past_requests"),
+    *("rorg.cli.goals", "rorg.cli.revert", "rorg.cli.past_requests"),
 }
 """What commands load once they must compute something themselves, use the engine, or draw a screen."""
 HERE = {
