@@ -48,7 +48,11 @@ class EarlierView(BaseModel):
     """A revision that a rollback may return to."""
 
     number: int
-    doubt: str = Field(description="Why it cannot be trusted; empty if each service that changes was proven then.")
+    doubt: str = Field(
+        description="Why it cannot be trusted; empty if each service that changes was proven then, and everything "
+        "changes that fails now and was well once."
+    )
+    unchanged: list[str] = Field(description="Services that fail now, and that it would not change.")
 
 
 class FieldChange(BaseModel):

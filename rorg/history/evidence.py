@@ -24,6 +24,8 @@ class Verdict:
     edition: str
     code: str
     reason: str = ""
+    proven_at: str = ""
+    """When it was proven last, even if it fails now: ISO 8601 in UTC. Only known of what is on record."""
 
 
 class Evidence:
@@ -40,22 +42,23 @@ class Evidence:
         if not news:
             return
         sql = (
-            "INSERT INTO verdict (service, edition, code, reason, at) VALUES (?, ?, ?, ?, ?)"
+            "INSERT INTO verdict (service, edition, code, reason, at, proven_at) VALUES (?, ?, ?, ?, ?, ?)"
             " ON CONFLICT (service, edition) DO UPDATE SET code = excluded.code, reason = excluded.reason,"
-            " at = excluded.at WHERE code <> excluded.code"
+            " at = excluded.at, proven_at = max(proven_at, excluded.proven_at) WHERE code <> excluded.code"
         )
         self._written |= {(v.service, v.edition): v.code for v in news}
-        self.database.write([(sql, [(v.service, v.edition, v.code, v.reason, at) for v in news])])
+        rows = [(v.service, v.edition, v.code, v.reason, at, at if v.code == PROVEN else "") for v in news]
+        self.database.write([(sql, rows)])
 
     def all(self) -> dict[tuple[str, str], Verdict]:
         """By (service, edition)."""
-        known = self.database.read(_verdict, "SELECT service, edition, code, reason FROM verdict")
+        known = self.database.read(_verdict, "SELECT service, edition, code, reason, proven_at FROM verdict")
         return {(verdict.service, verdict.edition): verdict for verdict in known}
 
 
 def _verdict(*row: str) -> Verdict:
     """Raises ValueError and TypeError if it is damaged."""
-    check_types(row, *[str] * 4)
+    check_types(row, *[str] * 5)
     verdict = Verdict(*row)
     if verdict.code not in (PROVEN, FAILS):
         raise ValueError(f"the verdict of {verdict.service} is {verdict.code}")
@@ -68,13 +71,16 @@ class Earlier:
 
     number: int
     doubt: str = ""
+    unchanged: tuple[str, ...] = ()
+    """Services that fail now, and that a return to it would not change, though they were well once."""
 
 
 def earlier_revisions(database: Database) -> list[Earlier]:
     """Return the revisions that a rollback may return to, the newest first, up to MOST that can be trusted.
 
     A revision can be trusted if each service that the rollback would change has been proven as it was then, and has not
-    failed since. Services that stay the same say nothing about it: a camera that is broken now is broken in both.
+    failed since, and if the rollback would change each service that fails now and was well once. Other services that
+    stay the same say nothing about it: a camera that never worked is broken in both.
     """
     revisions, known = Revisions(database), Evidence(database).all()
     listed, force = revisions.list(SEARCHED), revisions.in_force()
@@ -82,7 +88,7 @@ def earlier_revisions(database: Database) -> list[Earlier]:
     for number in _before(listed, force):
         then = revisions.get(number)
         if then and force and sum(not e.doubt for e in found) < MOST:
-            found.append(Earlier(number, _doubt(then, force, known)))
+            found.append(_judged(then, force, known))
     return found
 
 
@@ -104,12 +110,30 @@ def _before(listed: Sequence[Revision], force: Revision | None) -> list[int]:
     return [r.number for r in listed if r.number < end and r.number not in same and r.standing != "refused"]
 
 
+def _judged(then: Revision, now: Revision, known: Mapping[tuple[str, str], Verdict]) -> Earlier:
+    """Return an earlier revision with the doubt about it."""
+    editions = {name: made.edition for name, made in now.services.items()}
+    to_mend = _failing(editions, known)
+    unchanged = tuple(n for n in to_mend if n in then.services and then.services[n].edition == editions[n])
+    if unchanged:
+        return Earlier(then.number, f"it does not change what fails now: {', '.join(unchanged)}", unchanged)
+    missing = [n for n in to_mend if n not in then.services]
+    return Earlier(then.number, f"it does not declare {', '.join(missing)}" if missing else _doubt(then, now, known))
+
+
+def _failing(editions: Mapping[str, str], known: Mapping[tuple[str, str], Verdict]) -> list[str]:
+    """Return the services that fail in these editions, and were well once in any edition. Nothing on record mends
+    others."""
+    well_once = {v.service for v in known.values() if v.proven_at}
+    return [n for n, e in editions.items() if n in well_once and (v := known.get((n, e))) and v.code == FAILS]
+
+
 def _doubt(then: Revision, now: Revision, known: Mapping[tuple[str, str], Verdict]) -> str:
     """Return why an earlier revision cannot be trusted."""
     editions = {name: made.edition for name, made in now.services.items()}
     changed = {n: m.edition for n, m in then.services.items() if editions.get(n) != m.edition}
     verdicts = {name: known.get((name, edition)) for name, edition in changed.items()}
-    failed = [f"{name} failed ({v.reason})" for name, v in verdicts.items() if v and v.code == FAILS]
+    failed = [f"{name} failed in it ({v.reason})" for name, v in verdicts.items() if v and v.code == FAILS]
     untried = [name for name, verdict in verdicts.items() if verdict is None]
     if failed:
         return "; ".join(failed)

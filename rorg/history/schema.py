@@ -51,12 +51,16 @@ INSERT OR IGNORE INTO verdict SELECT service, edition, 'proven', '', proven_at F
     """
 ALTER TABLE entry ADD COLUMN checksum INTEGER;
 """,
+    """
+ALTER TABLE verdict ADD COLUMN proven_at TEXT NOT NULL DEFAULT '';
+UPDATE verdict SET proven_at = at WHERE code = 'proven';
+""",
 )
 """entry: the journal; `about` names the services of an entry. made: what each service was made from in the revisions
-first..last (NULL: up to the last one). verdict: what is known of each edition of a service. run: the memory that
-survives a restart. asked: the requests file since a time. usage: what each run of a service used in a minute, or in
-ten, or in an hour: `hour` is a time up to that place. checksum: of the other columns of an entry, because SQLite's file
-has none; NULL if an older rorg wrote it."""
+first..last (NULL: up to the last one). verdict: what is known of each edition of a service; `proven_at` is empty if it
+was never well. run: the memory that survives a restart. asked: the requests file since a time. usage: what each run of
+a service used in a minute, or in ten, or in an hour: `hour` is a time up to that place. checksum: of the other columns
+of an entry, because SQLite's file has none; NULL if an older rorg wrote it."""
 
 
 def migrate(connection: sqlite3.Connection) -> bool:

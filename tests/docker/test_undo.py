@@ -175,7 +175,7 @@ def test_what_was_good_and_then_fails_says_so(mounted):
     git(mounted, "commit", "--quiet", "--message", "three")
     stands(mounted, git(mounted, "rev-parse", "HEAD"), "failed")
     said = mounted.rollback("--yes", code=5)
-    assert ": it failed (other: ended with exit code 3)" in said, "whatever was read before it was committed"
+    assert "revision 2: it does not change what fails now: other" in said, "whatever was read before it was committed"
     assert "revision 1: other never ran as declared then" in said
     assert said.endswith("; try `rorg rollback REV`, with a REV of `rorg history` or `git log`\n")
 

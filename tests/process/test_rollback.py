@@ -13,6 +13,8 @@ from robots import RealRobot, write_tree
 from rolled_back import ANN, git, revisions, rorg, stands
 
 from rorg.cli.goals import Goal
+from rorg.history.database import reading
+from rorg.history.evidence import PROVEN, Evidence
 from rorg.host.watch import Watcher
 
 
@@ -20,6 +22,11 @@ def says(number: int) -> dict:
     """It is proven as soon as it says so."""
     command = ["sh", "-c", f"echo up; while sleep 1000; do echo {number}; done"]
     return {"always_on": True, "ready": {"log": "^up"}, "command": command}
+
+
+def ends(number: int) -> dict:
+    """It fails: each run ends with this exit code."""
+    return {"always_on": True, "command": ["sh", "-c", f"exit {number}"]}
 
 
 def commit(robot, message: str, services: dict) -> str:
@@ -39,6 +46,12 @@ def good(robot, commit: str) -> dict[str, str]:
     """Waits until a commit is on record as good; what runs then."""
     stands(robot, commit, "good")
     return made(robot)
+
+
+def proven(robot, service: str) -> int:
+    """In how many editions a service was proven."""
+    with reading(robot.state.journal) as database:
+        return sum(v.code == PROVEN for (name, _), v in Evidence(database).all().items() if name == service)
 
 
 class Robot(RealRobot):
@@ -126,6 +139,50 @@ def test_twice_goes_further_back(running):
     assert made(running) == running.was
     good(running, git(running, "rev-parse", "HEAD"))
     assert "no earlier revision is proven" in rorg(running, "rollback", "--yes", code=5)
+
+
+def test_what_fails_goes_back_although_a_good_change_of_another_service_came_later(running):
+    stands(running, commit(running, "three", {"arm": ends(7), "base": says(2)}), "failed")
+    stands(running, commit(running, "four", {"arm": ends(7), "base": says(4)}), "failed")
+    rorg(running, "rollback", "--yes", "--wait")
+    assert git(running, "log", "-1", "--format=%s") == f"Roll back to 2 ({running.second[:12]}): two"
+    assert made(running) == running.now
+
+
+def test_a_goal_changes_all_that_fails(running):
+    third = commit(running, "three", {"arm": ends(7), "base": says(3)})
+    stands(running, third, "failed")
+    stands(running, commit(running, "four", {"arm": says(4), "base": ends(7)}), "failed")
+    stands(running, commit(running, "five", {"arm": ends(8), "base": ends(7)}), "failed")
+    rorg(running, "rollback", "--yes", "--wait")
+    assert git(running, "diff", running.second) == ""
+
+
+def test_what_never_was_well_holds_no_rollback_back(running):
+    new = {"always_on": True, "needs": ["base"], "command": ["sh", "-c", "exit 9"]}
+    third = commit(running, "three", {"arm": says(3), "base": says(2), "new": new})
+    stands(running, third, "failed")
+    wait_for(lambda: proven(running, "arm") == 3, what="arm to be proven")
+    before = made(running)["arm"]
+    stands(running, commit(running, "four", {"arm": ends(7), "base": says(4), "new": new}), "failed")
+    assert "new: ended with exit code 9" in rorg(running, "rollback", "--yes", code=4)
+    assert git(running, "diff", third) == ""
+    running.wait(lambda: made(running)["arm"] == before)
+
+
+def test_what_was_well_and_fails_as_it_always_was_holds_a_rollback_back(running):
+    """To undo the change of another service does not help."""
+    marker = running.tree.parent / "marker"
+    marker.write_text("")
+    arm = {"always_on": True, "command": ["sh", "-c", f"test -e {marker} || exit 3; exec sleep 1000"]}
+    good(running, commit(running, "three", {"arm": arm, "base": says(2)}))
+    fourth = commit(running, "four", {"arm": arm, "base": says(4)})
+    good(running, fourth)
+    marker.unlink()
+    running.kill("arm")
+    stands(running, fourth, "failed")
+    rorg(running, "rollback", "--yes")
+    assert git(running, "diff", running.second) == ""
 
 
 @pytest.mark.slow

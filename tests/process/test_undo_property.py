@@ -150,12 +150,17 @@ class World:
         return any(r.standing == "good" and s[name] == versions for r, s in listed[1:])
 
     def check_rollback(self, state: State, states: dict[int, State]) -> None:
+        updates = {name: self.sim.decision.memory.of(name).update for name in NAMES}
+        failing = {n for n, u in updates.items() if u.edition in u.failures and n in {m for m, _ in self.ran_well}}
         for one in earlier_revisions(self.database):
             then = states[one.number]
             changed = [(n, v) for n, v in then.items() if v != state[n]]
             if not one.doubt:
                 assert all(key in self.ran_well for key in changed), f"trusts {one.number}: {changed}"
                 assert not any(is_bad(v) for _, v in changed)
+                assert failing <= {n for n, _ in changed}, f"trusts {one.number}, which leaves {failing} as they are"
+            elif one.unchanged:
+                assert not {n for n, _ in changed} & {*one.unchanged}
             elif changed:
                 assert not all(key in self.ran_well for key in changed), f"doubts {one.number}: {one.doubt}"
 
