@@ -87,10 +87,12 @@ def add_history(app: FastAPI, operations: Operations) -> None:
 
 def _add_recorded(app: FastAPI, operations: Operations) -> None:
     @app.get("/v1/rollback", dependencies=[needs("history")], response_model=list[EarlierView])
-    def earlier() -> Response:
+    def earlier(
+        service: Annotated[str, Query(description="A rollback of this service alone.")] = "",
+    ) -> Response:
         """The revisions that a rollback may return to, the newest first: those from before the manifests in force,
         each with the doubt about it."""
-        return text(queries.earlier(operations.recorder.history))
+        return text(queries.earlier(operations.recorder.history, service))
 
     @app.get("/v1/requested", dependencies=[needs("history")], response_model=Requested)
     def requested(since: When = None, until: When = None) -> Response:

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import contextlib
 import re
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from textwrap import shorten
+from typing import Any
 
 from rorg_client import Error as ClientError
 
 from rorg.cli.context import Context
+from rorg.cli.output import missing
 from rorg.cli.records import records_of
 from rorg.errors import Missing, Refused, RorgError
 from rorg.history.revisions import Revision, parse
@@ -26,8 +30,10 @@ EARLIER = re.compile(r"^(Roll back( \S+)? to \S+( \([0-9a-f]+\))?: )+")
 """What a rollback writes before the subject of the commit that it returns to: of many in a row, the last is enough."""
 KNOWN = 1000
 """Revisions that are searched, the newest first."""
-NAMED = 10
+NAMED = 5
 """Revisions that an error names."""
+LONGEST = 110
+"""Characters of the doubt about each."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,11 +56,16 @@ class Goal:
         return f"{short if same else f'{self.name} ({short})'}: {EARLIER.sub('', self.subject)}"
 
 
-class Known:
-    """The revisions on record, read only if one is needed: git finds its own names."""
+Differs = Callable[[Goal], bool]
+"""Whether a return to a goal would change a file."""
 
-    def __init__(self, context: Context) -> None:
-        self.context = context
+
+class Known:
+    """The revisions on record, read only if one is needed: git finds its own names. With a `service`, its states alone
+    count."""
+
+    def __init__(self, context: Context, service: str = "") -> None:
+        self.context, self.service = context, service
 
     @cached_property
     def revisions(self) -> list[Revision]:
@@ -87,16 +98,17 @@ class Known:
         return False
 
     @cached_property
-    def earlier(self) -> dict[int, str]:
-        """The revisions that a rollback may return to, by number, the newest first, each with the doubt about it."""
+    def earlier(self) -> dict[int, dict[str, Any]]:
+        """The revisions that a rollback may return to, by number, the newest first: see EarlierView of the API."""
         with records_of(self.context) as records:
-            return {row["number"]: row["doubt"] for row in records.earlier()}
+            return {row["number"]: row for row in records.earlier(self.service)}
 
     def doubt(self, revision: Revision) -> str:
         """Why a revision is not known to work; empty if it is."""
-        if revision.standing == "failed":
+        if revision.standing == "failed" and not (self.service and revision.number in self.earlier):
             return f"revision {revision.number} failed: {revision.reason}"
-        doubt = self.earlier.get(revision.number, "" if revision.standing == "good" else f"it is {revision.standing}")
+        other = "" if revision.standing == "good" else f"it is {revision.standing}"
+        doubt = self.earlier.get(revision.number, {}).get("doubt", other)
         return f"revision {revision.number} is not known to work: {doubt}" if doubt else ""
 
     def doubt_about(self, commit: str) -> str:
@@ -106,21 +118,50 @@ class Known:
             return self.doubt(found) if found else ""
         return ""
 
-    def proven_before(self, root: Path) -> Revision:
-        """The last revision before the current one that can be trusted and has a complete commit. Raises Refused."""
-        known = [r for number in self.earlier if (r := self.get(number))]
-        trusted = (r for r in known if not self.earlier[r.number])
-        found = next((r for r in trusted if self.committed(r, root)), None)
-        if found is None:
-            doubts = [f"revision {r.number}: {self.earlier[r.number] or 'git does not have all of it'}" for r in known]
-            why = "; ".join(["no earlier revision is proven", *doubts[:NAMED]])
-            raise Refused("roll back", why, "`rorg rollback REV`, with a REV of `rorg history` or `git log`")
-        return found
+    def proven_before(self, root: Path, differs: Differs) -> Revision:
+        """The last revision before the current one that can be trusted, has a complete commit, and `differs` in what
+        the rollback changes. Raises Refused, and Invalid for an unknown service."""
+        from rorg.api.manifest_texts import manifests_of
+
+        if self.service and not self.earlier:
+            declared = [name for kind, name in manifests_of(root) if kind == "Service"]
+            if self.service not in declared:
+                raise missing("service", self.service, declared)
+        doubts: dict[int, str] = {}
+        for revision in (r for number in self.earlier if (r := self.get(number))):
+            doubt = self.earlier[revision.number]["doubt"] or self._obstacle(revision, root, differs)
+            if not doubt:
+                return revision
+            doubts[revision.number] = doubt
+        raise self._no_goal(doubts)
+
+    def _no_goal(self, doubts: Mapping[int, str]) -> Refused:
+        """The error if no revision can be trusted, with the doubt about each."""
+        what, service = f"roll {self.service} back" if self.service else "roll back", f" --service {self.service}"
+        remedy = f"`rorg rollback REV{service * bool(self.service)}`, with a REV of `rorg history` or `git log`"
+        unchanged = [set(row.get("unchanged", ())) for row in self.earlier.values()]
+        same = sorted(set.intersection(*unchanged)) if unchanged else [self.service] * bool(self.service)
+        if same:
+            names = ", ".join(same)
+            return Refused(what, f"nothing earlier differs in {names}", f"to fix {names}, or try {remedy}")
+        if not doubts:
+            return Refused(what, "no earlier revision is on record", remedy)
+        lines = [f"  {number}: {shorten(doubt, LONGEST, placeholder=' ...')}" for number, doubt in doubts.items()]
+        more = [f"  and {len(lines) - NAMED} earlier"] if len(lines) > NAMED else []
+        return Refused(what, "\n".join(["no earlier revision is proven", *lines[:NAMED], *more, ""]), remedy)
+
+    def _obstacle(self, revision: Revision, root: Path, differs: Differs) -> str:
+        """Why a commit cannot bring a trusted revision back; empty if it can."""
+        if not self.committed(revision, root):
+            return "git does not have all of it"
+        if self.service and not differs(goal(revision, self, root)):
+            return f"the manifest of {self.service} is the same in it"
+        return ""
 
 
-def goal_of(text: str, revisions: Known, root: Path) -> Goal:
-    """The goal that a REV names; by default the last good one. Raises Missing and Refused."""
-    revision = parse(text, revisions) if text else revisions.proven_before(root)
+def goal_of(text: str, revisions: Known, root: Path, differs: Differs = lambda _: True) -> Goal:
+    """The goal that a REV names; by default the last good one that `differs`. Raises Missing and Refused."""
+    revision = parse(text, revisions) if text else revisions.proven_before(root, differs)
     if isinstance(revision, Revision):
         return goal(revision, revisions, root)
     commit = commit_of(root, revision)

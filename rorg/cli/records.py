@@ -39,9 +39,10 @@ class Served:
         """Revisions, the newest first."""
         return list(self.client.call("GET", f"/v1/history?most={most}"))
 
-    def earlier(self) -> list[dict[str, Any]]:
-        """Revisions that a rollback may return to, the newest first, each with the doubt about it."""
-        return list(self.client.call("GET", "/v1/rollback"))
+    def earlier(self, service: str) -> list[dict[str, Any]]:
+        """Revisions that a rollback, of one service or of all, may return to, the newest first, each with the doubt
+        about it."""
+        return list(self.client.call("GET", f"/v1/rollback?{urlencode({'service': service})}"))
 
     def shown(self, rev: str) -> dict[str, Any]:
         return dict(self.client.call("GET", f"/v1/history/{quote(rev)}"))
@@ -93,8 +94,8 @@ class Kept:
     def listed(self, most: int) -> list[dict[str, Any]]:
         return self.queries.listed(self.revisions, most)
 
-    def earlier(self) -> list[dict[str, Any]]:
-        return self.queries.earlier(self.database)
+    def earlier(self, service: str) -> list[dict[str, Any]]:
+        return self.queries.earlier(self.database, service)
 
     def shown(self, rev: str) -> dict[str, Any]:
         return self.queries.full(self._named(rev))

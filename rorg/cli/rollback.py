@@ -18,7 +18,10 @@ def command(
     context: Tree,
     revision: Annotated[
         str,
-        typer.Argument(help="REV: a number from `rorg history`, or a commit as in git. Default: the last proven one."),
+        typer.Argument(
+            help="REV: a number from `rorg history`, or a commit as in git. Default: the last proven "
+            "one that changes all that fails now."
+        ),
     ] = "",
     service: Annotated[
         str,
@@ -40,7 +43,8 @@ def command(
     from rorg.cli.revert import all_committed, go_back, is_copy, restoring, tree_of
 
     root = tree_of(context)
-    goal = goal_of(revision, Known(context), root)
+    differs = lambda goal: restoring(root, context.robot, goal, service).differs()  # noqa: E731
+    goal = goal_of(revision, Known(context, service), root, differs)
     if printed:
         echo("\n".join(restoring(root, context.robot, goal, service).commands(clone=is_copy(context, root))))
         return

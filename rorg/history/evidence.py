@@ -92,6 +92,35 @@ def earlier_revisions(database: Database) -> list[Earlier]:
     return found
 
 
+def earlier_states(database: Database, service: str) -> list[Earlier]:
+    """Return the revisions that a rollback of one service may return to, the newest first, up to MOST that can be
+    trusted. The service was different in them, and only its own verdict counts.
+
+    Rolling back twice goes further back, unless its present state fails or the manifests are refused.
+    """
+    revisions, known = Revisions(database), Evidence(database).all()
+    listed, force, spans = revisions.list(SEARCHED), revisions.in_force(), revisions.spans(service)
+    if force is None:
+        return []
+    refused = listed[0].standing == "refused"
+    now = force.services[service].edition if service in force.services else ""
+    verdict = known.get((service, now))
+    fails = verdict is not None and verdict.code == FAILS
+    end = (
+        listed[0].number
+        if refused or fails
+        else min((s.first for s in spans if s.edition == now), default=force.number)
+    )
+    found: list[Earlier] = []
+    for revision in listed:
+        span = next((s for s in spans if s.first <= revision.number <= (s.last or revision.number)), None)
+        if revision.standing == "refused" or revision.number >= end or span is None:
+            continue
+        if (refused or span.edition != now) and sum(not e.doubt for e in found) < MOST:
+            found.append(Earlier(revision.number, _doubt_of({service: known.get((service, span.edition))})))
+    return found
+
+
 def _before(listed: Sequence[Revision], force: Revision | None) -> list[int]:
     """Return the numbers of revisions from before the current one, the newest first.
 
@@ -132,14 +161,20 @@ def _doubt(then: Revision, now: Revision, known: Mapping[tuple[str, str], Verdic
     """Return why an earlier revision cannot be trusted."""
     editions = {name: made.edition for name, made in now.services.items()}
     changed = {n: m.edition for n, m in then.services.items() if editions.get(n) != m.edition}
-    verdicts = {name: known.get((name, edition)) for name, edition in changed.items()}
+    if doubt := _doubt_of({name: known.get((name, edition)) for name, edition in changed.items()}):
+        return doubt
+    if changed or editions.keys() != then.services.keys() or then.standing == "good":
+        return ""
+    # Nothing that runs tells them apart, so the standing of the whole counts.
+    return f"it failed ({then.reason})" if then.standing == "failed" else f"it is {then.standing}"
+
+
+def _doubt_of(verdicts: Mapping[str, Verdict | None]) -> str:
+    """Return which services were not well as they were then; "" if all were."""
     failed = [f"{name} failed in it ({v.reason})" for name, v in verdicts.items() if v and v.code == FAILS]
     untried = [name for name, verdict in verdicts.items() if verdict is None]
     if failed:
         return "; ".join(failed)
     if untried:
         return f"{', '.join(untried)} never ran as declared then"
-    if changed or editions.keys() != then.services.keys() or then.standing == "good":
-        return ""
-    # Nothing that runs tells them apart, so the standing of the whole counts.
-    return f"it failed ({then.reason})" if then.standing == "failed" else f"it is {then.standing}"
+    return ""

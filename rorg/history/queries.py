@@ -16,7 +16,7 @@ from rorg.core.digest import declared_of
 from rorg.core.masking import masked
 from rorg.errors import Missing
 from rorg.history.database import Database
-from rorg.history.evidence import earlier_revisions
+from rorg.history.evidence import earlier_revisions, earlier_states
 from rorg.history.journal import Filter, Journal
 from rorg.history.revisions import FIELDS, Made, Revision, Revisions, parse
 from rorg.history.timeline import Author, spans
@@ -51,9 +51,10 @@ def listed(revisions: Revisions, most: int, before: int = 0) -> list[dict[str, A
     return [brief(revision) for revision in revisions.list(most, before)]
 
 
-def earlier(database: Database) -> list[dict[str, Any]]:
-    """The revisions that a rollback may return to, the newest first, each with the doubt about it."""
-    return [asdict(one) for one in earlier_revisions(database)]
+def earlier(database: Database, service: str = "") -> list[dict[str, Any]]:
+    """The revisions that a rollback, of one service or of all, may return to, the newest first, each with the doubt
+    about it."""
+    return [asdict(one) for one in (earlier_states(database, service) if service else earlier_revisions(database))]
 
 
 def brief(revision: Revision) -> dict[str, Any]:

@@ -7,7 +7,7 @@ import re
 import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from rorg.errors import Invalid
 from rorg.history.damage import check_types
@@ -73,6 +73,15 @@ class Revision:
     """Of a refused one."""
     services: Mapping[str, Made] = field(default_factory=dict)
     """Services with a container. list() leaves them out; get() has them."""
+
+
+class Span(NamedTuple):
+    """The revisions, from the first to the last, in which a service has the same edition; `last` of the one in force is
+    unknown yet."""
+
+    first: int
+    last: int | None
+    edition: str
 
 
 class Revisions:
@@ -166,6 +175,11 @@ class Revisions:
         revisions = revisions or self._select("git LIKE ?", (f"{commit}%",), 1)
         return self.get(revisions[0].number) if revisions else None
 
+    def spans(self, service: str) -> Sequence[Span]:
+        """The editions that a service had, the newest first."""
+        sql = "SELECT first, last, edition FROM made WHERE service = ? ORDER BY first DESC"
+        return self.database.read(_span, sql, (service,))
+
     def _select(self, condition: str, args: tuple[Any, ...], most: int) -> Sequence[Revision]:
         sql = f"SELECT {COLUMNS} FROM revision WHERE {condition} ORDER BY number DESC LIMIT ?"
         return self.database.read(_revision, sql, (*args, most))
@@ -224,6 +238,11 @@ def _revision(*row: Any) -> Revision:
 def _material(name: str, *values: str) -> tuple[str, Made]:
     check_types(values, *[str] * len(values))
     return name, Made(*values)
+
+
+def _span(first: int, last: int | None, edition: str) -> Span:
+    check_types((first, last or 0, edition), int, int, str)
+    return Span(first, last, edition)
 
 
 class Numbered(Protocol):

@@ -95,6 +95,11 @@ class Restoring:
         who = self._who(person, environment)
         return self._git("commit-tree", tree, "-p", head, "-m", self.message, environment=who)
 
+    def differs(self) -> bool:
+        """Return whether it would change anything. Raises Refused."""
+        there = self._there("HEAD")
+        return bool(there and self._git("diff", "--name-only", "HEAD", self.source, "--", *there))
+
     def files(self, commit: str) -> list[str]:
         """The files that a commit made here changes, below the work tree."""
         names = self._git("diff-tree", "-r", "-z", "--name-only", "--no-commit-id", commit)

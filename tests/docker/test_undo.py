@@ -175,9 +175,9 @@ def test_what_was_good_and_then_fails_says_so(mounted):
     git(mounted, "commit", "--quiet", "--message", "three")
     stands(mounted, git(mounted, "rev-parse", "HEAD"), "failed")
     said = mounted.rollback("--yes", code=5)
-    assert "revision 2: it does not change what fails now: other" in said, "whatever was read before it was committed"
-    assert "revision 1: other never ran as declared then" in said
-    assert said.endswith("; try `rorg rollback REV`, with a REV of `rorg history` or `git log`\n")
+    assert "\n  2: it does not change what fails now: other" in said, "whatever was read before it was committed"
+    assert "\n  1: other never ran as declared then\n" in said
+    assert said.endswith("\ntry `rorg rollback REV`, with a REV of `rorg history` or `git log`\n")
 
 
 @pytest.mark.slow
@@ -197,8 +197,7 @@ def test_what_was_never_tried_is_untested_and_no_goal_of_a_rollback(mounted):
     mounted.request("other", id="more")
     stands(mounted, third, "failed")
     said = mounted.rollback(code=5)
-    assert "revision 2: other never ran as declared then" in said
-    assert "revision 1: other never ran as declared then" in said
+    assert "\n  2: other never ran as declared then\n  1: other never ran as declared then\n" in said
     said = mounted.rollback("2", "--yes")
     assert "caution: revision 2 is not known to work: other never ran as declared then" in said
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 import subprocess
+from pathlib import Path
 
 import commands
 import pytest
@@ -16,6 +17,8 @@ from rorg.cli.goals import Goal
 from rorg.history.database import reading
 from rorg.history.evidence import PROVEN, Evidence
 from rorg.host.watch import Watcher
+
+POLICY = {"robot": {"updates": {"bake": "100ms"}}}
 
 
 def says(number: int) -> dict:
@@ -29,9 +32,14 @@ def ends(number: int) -> dict:
     return {"always_on": True, "command": ["sh", "-c", f"exit {number}"]}
 
 
+def runs_with(marker: Path) -> dict:
+    """It runs well while this file exists, and fails without it."""
+    return {"always_on": True, "command": ["sh", "-c", f"test -e {marker} || exit 3; exec sleep 1000"]}
+
+
 def commit(robot, message: str, services: dict) -> str:
     """Manifests that are committed; the commit."""
-    write_tree(robot.tree, services, policies={"robot": {"updates": {"bake": "100ms"}}})
+    write_tree(robot.tree, services, policies=POLICY)
     git(robot, "add", "services", "policies")
     git(robot, "commit", "--quiet", "--message", message)
     return git(robot, "rev-parse", "HEAD")
@@ -57,16 +65,29 @@ def proven(robot, service: str) -> int:
 class Robot(RealRobot):
     """Of two commits: arm and base, both of them changed in the second one."""
 
-    def begin(self) -> None:
+    def init(self) -> None:
+        """Makes a repository without a commit."""
         (self.tree.parent / "manifests").symlink_to(self.tree)
         self.tree.mkdir(exist_ok=True)
         git(self, "init", "--quiet")
+
+    def begin(self) -> None:
+        self.init()
         self.first = commit(self, "one", {"arm": says(1), "base": says(1)})
         self.start()
         self.was = good(self, self.first)
         self.second = commit(self, "two", {"arm": says(2), "base": says(2)})
         self.now = good(self, self.second)
         assert self.was.keys() == self.now.keys() == {"arm", "base"}
+
+
+@pytest.fixture
+def fresh(tmp_path):
+    """A robot in a repository without a commit."""
+    robot = Robot(tmp_path, "process", None, with_server=True)
+    robot.init()
+    yield robot
+    robot.close()
 
 
 @pytest.fixture
@@ -88,7 +109,7 @@ def test_a_commit_that_overtook_the_reading_is_noted_without_another_event(runni
     """The last event of the commit may come before the tree is read."""
     loop, tree = running.loop, running.loop.tree
     next(thread for thread in loop.threads if isinstance(thread, Watcher)).stop()
-    write_tree(running.tree, {"arm": says(3), "base": says(2)}, policies={"robot": {"updates": {"bake": "100ms"}}})
+    write_tree(running.tree, {"arm": says(3), "base": says(2)}, policies=POLICY)
     git(running, "add", "services")
     loop.wakes.files_changed()
     wait_for(lambda: tree.desired.catalog.services["arm"].spec["command"][-1].endswith("3; done"))
@@ -118,6 +139,37 @@ def test_one_service_alone(running):
     assert made(robot) == {"arm": robot.was["arm"], "base": robot.now["base"]}
 
 
+def test_one_service_goes_back_to_its_last_other_state_that_was_proven(running):
+    stands(running, commit(running, "three", {"arm": ends(7), "base": says(2)}), "failed")
+    third = commit(running, "four", {"arm": says(4), "base": says(4)})
+    good(running, third)
+    stands(running, commit(running, "five", {"arm": says(4), "base": ends(7)}), "failed")
+    said = rorg(running, "rollback", "--service", "arm", "--yes", code=4)
+    assert f"Roll back arm to 2 ({running.second[:12]}): two" in said, "in 4 it is the same, in 3 it failed"
+    assert "caution" not in said
+    assert git(running, "diff", "--name-only", "HEAD^") == "services/arm.yaml"
+    running.wait(lambda: made(running)["arm"] == running.now["arm"])
+    wait_for(lambda: revisions(running)[0].number == 6)
+    rorg(running, "rollback", "--service", "base", "--yes")
+    assert git(running, "log", "-1", "--format=%s") == f"Roll back base to 4 ({third[:12]}): four"
+    rorg(running, "rollback", "--service", "arm", "--yes")
+    assert git(running, "log", "-1", "--format=%s") == f"Roll back arm to 1 ({running.first[:12]}): one", "further back"
+    told = rorg(running, "rollback", "--service", "arm", "--yes", code=5)
+    assert "cannot roll arm back: nothing earlier differs in arm" in told
+
+
+def test_one_service_goes_back_only_to_another_manifest(running):
+    """The files that it mounts stay."""
+    (running.tree / "services/conf").mkdir()
+    for number in (3, 4):
+        (running.tree / "services/conf/map").write_text(str(number))
+        git(running, "add", ".")
+        arm = {**says(3), "mounts": ["./conf:/conf"]}
+        good(running, commit(running, f"map {number}", {"arm": arm, "base": says(2)}))
+    rorg(running, "rollback", "--service", "arm", "--yes")
+    assert git(running, "log", "-1", "--format=%s") == f"Roll back arm to 2 ({running.second[:12]}): two"
+
+
 def test_the_printed_commands_do_the_same(running):
     robot = running
     lines = rorg(robot, "rollback", robot.first, "--print").splitlines()
@@ -138,7 +190,7 @@ def test_twice_goes_further_back(running):
     rorg(running, "rollback", "--yes")
     assert made(running) == running.was
     good(running, git(running, "rev-parse", "HEAD"))
-    assert "no earlier revision is proven" in rorg(running, "rollback", "--yes", code=5)
+    assert "cannot roll back: no earlier revision is on record; try" in rorg(running, "rollback", "--yes", code=5)
 
 
 def test_what_fails_goes_back_although_a_good_change_of_another_service_came_later(running):
@@ -174,7 +226,7 @@ def test_what_was_well_and_fails_as_it_always_was_holds_a_rollback_back(running)
     """To undo the change of another service does not help."""
     marker = running.tree.parent / "marker"
     marker.write_text("")
-    arm = {"always_on": True, "command": ["sh", "-c", f"test -e {marker} || exit 3; exec sleep 1000"]}
+    arm = runs_with(marker)
     good(running, commit(running, "three", {"arm": arm, "base": says(2)}))
     fourth = commit(running, "four", {"arm": arm, "base": says(4)})
     good(running, fourth)
@@ -183,6 +235,40 @@ def test_what_was_well_and_fails_as_it_always_was_holds_a_rollback_back(running)
     stands(running, fourth, "failed")
     rorg(running, "rollback", "--yes")
     assert git(running, "diff", running.second) == ""
+
+
+def test_without_a_goal_five_revisions_are_named_with_why_each_was_not_taken(fresh):
+    write_tree(fresh.tree, {"arm": says(1), "base": says(1)}, policies=POLICY)
+    fresh.start()
+    wait_for(lambda: [r.standing for r in revisions(fresh)] == ["good"])
+    for number in range(2, 9):
+        stands(fresh, commit(fresh, str(number), {"arm": ends(number), "base": says(1)}), "failed")
+    stands(fresh, commit(fresh, "idle", {"arm": {}, "base": says(1)}), "untested")
+    stands(fresh, commit(fresh, "last", {"arm": ends(9), "base": says(1)}), "failed")
+    assert rorg(fresh, "rollback", "--yes", code=5).splitlines() == [
+        "rorg: cannot roll back: no earlier revision is proven",
+        "  9: arm never ran as declared then",
+        *(f"  {number}: arm failed in it (ended with exit code {number})" for number in (8, 7, 6, 5)),
+        "  and 4 earlier",
+        "try `rorg rollback REV`, with a REV of `rorg history` or `git log`",
+    ]
+
+
+def test_nothing_earlier_differs_in_what_fails(fresh):
+    marker = fresh.tree.parent / "marker"
+    marker.write_text("")
+    arm = runs_with(marker)
+    first = commit(fresh, "one", {"arm": arm, "base": says(1)})
+    fresh.start()
+    good(fresh, first)
+    second = commit(fresh, "two", {"arm": arm, "base": says(2)})
+    good(fresh, second)
+    marker.unlink()
+    fresh.kill("arm")
+    stands(fresh, second, "failed")
+    why, remedy = "nothing earlier differs in arm", "with a REV of `rorg history` or `git log`"
+    told = f"rorg: cannot roll back: {why}; fix arm, or try `rorg rollback REV`, {remedy}\n"
+    assert rorg(fresh, "rollback", "--yes", code=5) == told
 
 
 @pytest.mark.slow
@@ -226,6 +312,7 @@ def test_a_service_that_is_requested_goes_with_the_same_yes(running):
 def test_what_cannot_be_done_changes_nothing(running):
     assert "find the revision 'nonsense'" in rorg(running, "rollback", "nonsense", code=2)
     assert "find the revision '99'" in rorg(running, "rollback", "99", code=2)
+    assert "no such service; try 'arm'" in rorg(running, "rollback", "--service", "amr", code=2)
     told = rorg(running, "rollback", "1", "--service", "amr", code=5)
     assert f"cannot roll amr back: it was not declared in 1 ({running.first[:12]}): one" in told
     assert "there is no terminal; try --yes" in rorg(running, "rollback", code=5)
@@ -242,12 +329,10 @@ def test_what_cannot_be_done_changes_nothing(running):
 
 def test_a_robot_without_a_history_goes_by_git(tmp_path):
     robot = Robot(tmp_path, "process", None)
-    (tmp_path / "manifests").symlink_to(robot.tree)
-    robot.tree.mkdir()
-    git(robot, "init", "--quiet")
+    robot.init()
     first = commit(robot, "one", {"arm": says(1)})
     commit(robot, "two", {"arm": says(2)})
-    assert "no earlier revision is proven" in rorg(robot, "rollback", "--yes", code=5)
+    assert "no earlier revision is on record" in rorg(robot, "rollback", "--yes", code=5)
     rorg(robot, "rollback", "HEAD~1", "--yes")
     assert git(robot, "diff", first) == ""
     robot.close()
