@@ -45,10 +45,11 @@ def command(
     wanted, requests = restoring(root, context.robot, goal, ""), EarlierRequests(context, root, moment)
     note(f"as of {moment}, revision {goal.title}")
 
-    def agreed(owner: dict[str, Any] | None, shown: Differences) -> None:
+    def agreed(owner: dict[str, Any] | None, shown: Differences, *, nothing: bool) -> None:
         for line in requests.lines():
             note(line)
-        agree(context, owner, shown, "restore", question="Restore that?", yes=yes, nothing=not requests.lines())
+        nothing = nothing and not requests.lines()
+        agree(context, owner, shown, "restore", question="Restore that?", yes=yes, nothing=nothing)
 
     waiting, then = (wait, timeout), requests.restore
     go_back(context, root, wanted, agreed, command="rorg restore", doubt=goal.doubt, waiting=waiting, then=then)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from rorg.cli.apply import READY, bring_about, taken
 from rorg.cli.context import Context
@@ -17,10 +17,15 @@ from rorg.host.git_edit import SHORT, Restoring, changed, top_of, unknown
 from rorg.model.catalog import Catalog
 from rorg.model.codes import CONFIRM
 
-Agreed = Callable[[dict[str, Any] | None, Differences], None]
-"""Shows the plan and its owner, and asks. Raises Refused."""
 NAMED = 10
 """Files that an error names."""
+
+
+class Agreed(Protocol):
+    """Shows the plan and its owner, and asks, unless that is empty and there is `nothing` else to agree to. Raises
+    Refused."""
+
+    def __call__(self, owner: dict[str, Any] | None, shown: Differences, *, nothing: bool) -> None: ...
 
 
 def restoring(root: Path, robot: str, goal: Goal, service: str) -> Restoring:
@@ -114,7 +119,7 @@ def go_back(
         note(f"files that change: {_listed(wanted.files(made))}")
     if doubt:
         note(f"caution: {doubt}")
-    agreed(owner, shown)
+    agreed(owner, shown, nothing=not made)
     if made:
         wanted.take(made)
         note(f"committed {made[:SHORT]}: {wanted.message}")

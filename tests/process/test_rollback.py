@@ -327,6 +327,20 @@ def test_what_cannot_be_done_changes_nothing(running):
     assert "in no git repository that this user may read; try" in rorg(running, "rollback", "1", "--yes", code=5)
 
 
+def test_a_commit_that_changes_nothing_that_runs_is_not_made_without_a_yes(fresh):
+    first = commit(fresh, "one", {"arm": {}})
+    fresh.start()
+    stands(fresh, first, "untested")
+    second = commit(fresh, "two", {"arm": {"priority": 7}})
+    wait_for(lambda: revisions(fresh)[0].commit == second)
+    for words in (("rollback", "1"), ("rollback", "1", "--service", "arm"), ("restore", "--at", "1")):
+        assert "it needs confirmation, and there is no terminal; try --yes" in rorg(fresh, *words, code=5)
+        assert git(fresh, "rev-parse", "HEAD") == second
+    assert "the same already" in rorg(fresh, "rollback", "2"), "there is nothing to confirm"
+    rorg(fresh, "rollback", "1", "--yes")
+    assert git(fresh, "diff", first) == ""
+
+
 def test_a_robot_without_a_history_goes_by_git(tmp_path):
     robot = Robot(tmp_path, "process", None)
     robot.init()
