@@ -30,7 +30,8 @@ class Agreed(Protocol):
 
 def restoring(root: Path, robot: str, goal: Goal, service: str) -> Restoring:
     """The commit that would return the manifests directory and the sources of its images, or the manifest of one
-    service and its part of this robot's overlay. Raises Refused, and Invalid if the earlier manifests have errors."""
+    service and its part of this robot's overlay. Raises Refused, also if these have uncommitted changes, and Invalid if
+    the earlier manifests have errors."""
     from rorg.daemon.commit_tree import load_at
     from rorg.daemon.tree import Tree
     from rorg.manifest.load import load
@@ -44,7 +45,9 @@ def restoring(root: Path, robot: str, goal: Goal, service: str) -> Restoring:
     else:
         now = load(root, robot=robot).catalog
         places, of = [root, *_contexts(past), *(_contexts(now) if now else [])], ""
-    return Restoring(top, goal.commit, _below(top, places), f"Roll back{of} to {goal.title}")
+    paths = _below(top, places)
+    _refuse_to_lose(top, changed(top, *paths) if paths else [])
+    return Restoring(top, goal.commit, paths, f"Roll back{of} to {goal.title}")
 
 
 def _manifest(root: Path, past: Catalog, service: str, goal: Goal) -> list[Path]:
@@ -83,7 +86,11 @@ def all_committed(root: Path, robot: str) -> None:
 
     top = top_of(root)
     manifests = [os.path.relpath(path, top) for path in tree_files(root, robot)]
-    files = [*changed(top, root), *unknown(top, manifests)]
+    _refuse_to_lose(top, [*changed(top, root), *unknown(top, manifests)])
+
+
+def _refuse_to_lose(top: Path, files: list[str]) -> None:
+    """Raises Refused if there are files that are not committed."""
     if files:
         remedy = f"`git -C {top} commit`, or `stash --include-untracked`"
         raise Refused("go back", f"not committed: {_listed(files)}", remedy)

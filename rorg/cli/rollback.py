@@ -43,13 +43,13 @@ def command(
     from rorg.cli.revert import all_committed, go_back, is_copy, restoring, tree_of
 
     root = tree_of(context)
+    all_committed(root, context.robot)
     differs = lambda goal: restoring(root, context.robot, goal, service).differs()  # noqa: E731
     goal = goal_of(revision, Known(context, service), root, differs)
-    if printed:
-        echo("\n".join(restoring(root, context.robot, goal, service).commands(clone=is_copy(context, root))))
-        return
-    all_committed(root, context.robot)
     wanted = restoring(root, context.robot, goal, service)
+    if printed:
+        echo("\n".join(wanted.commands(clone=is_copy(context, root))))
+        return
     what = f"roll {service or 'the manifests'} back"
     agreed = partial(agree, context, what=what, question=f"{wanted.message}?", yes=yes)
     waiting = wait, timeout

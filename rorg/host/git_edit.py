@@ -37,11 +37,11 @@ def subject_of(directory: Path, commit: str) -> str:
     return git_text(directory, "log", "-1", "--no-show-signature", "--encoding=UTF-8", "--format=%s", commit)[:LONGEST]
 
 
-def changed(top: Path, directory: Path) -> list[str]:
-    """Files below a directory that differ from the commit, by their paths below `top`. Raises Refused."""
-    what = f"look at {directory}"
-    words = ("diff", "--name-only", "--no-renames", "-z", "HEAD", "--", str(directory))
-    return _asked(top, what, *words).split("\0")[:-1]
+def changed(top: Path, *places: Path | str) -> list[str]:
+    """Files below these places that differ from the commit, by their paths below `top`. Raises Refused."""
+    names = [str(place) for place in places]
+    words = ("diff", "--name-only", "--no-renames", "-z", "HEAD", "--", *names)
+    return _asked(top, f"look at {', '.join(names)}", *words).split("\0")[:-1]
 
 
 def unknown(top: Path, files: Sequence[str]) -> list[str]:

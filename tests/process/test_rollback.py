@@ -180,6 +180,34 @@ def test_the_printed_commands_do_the_same(running):
     assert git(robot, "log", "-1", "--format=%s") == f"Roll back to {robot.first[:12]}: one"
 
 
+def test_commands_that_would_drop_uncommitted_changes_are_not_printed(running):
+    (running.tree / "services/arm.yaml").open("a").write("# mine\n")
+    told = rorg(running, "rollback", "1", "--print", code=5)
+    assert "cannot go back: not committed: services/arm.yaml; try `git -C" in told
+    assert rorg(running, "rollback", "1", "--yes", code=5) == told
+
+
+def test_an_uncommitted_change_of_an_image_source_outside_of_the_manifests_counts_too(tmp_path):
+    robot = Robot(tmp_path, "process", None)
+    robot.tree.mkdir()
+    git(robot, "init", "--quiet", "..")
+    image = "apiVersion: rorg/v1\nkind: Image\nmetadata: {name: arm}\nspec: {context: ../../arm}\n"
+    for path, text in {"images/arm.yaml": image, "../arm/Dockerfile": "FROM scratch\n"}.items():
+        (robot.tree / path).parent.mkdir()
+        (robot.tree / path).write_text(text)
+    git(robot, "add", "../arm", "images")
+    commit(robot, "one", {"arm": {"image": "arm"}})
+    commit(robot, "two", {"arm": {"image": "arm", "priority": 7}})
+    asked = ("rollback", "HEAD~1", "--manifests", str(robot.tree), "--print")
+    assert " arm " in rorg(robot, *asked)
+    (tmp_path / "arm/Dockerfile").write_text("FROM scratch\n# mine\n")
+    assert "cannot go back: not committed: arm/Dockerfile; try" in rorg(robot, *asked, code=5)
+    assert "cannot go back: not committed: arm/Dockerfile; try" in rorg(robot, *asked[:-1], "--yes", code=5)
+    asked = (*asked, "--service", "arm")
+    assert rorg(robot, *asked).splitlines()[0].endswith(f"-- {robot.tree.name}/services/arm.yaml"), "that stays"
+    robot.close()
+
+
 @pytest.mark.slow
 def test_twice_goes_further_back(running):
     third = commit(running, "three", {"arm": says(3), "base": says(3)})
