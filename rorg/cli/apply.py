@@ -5,15 +5,13 @@ from __future__ import annotations
 import time
 from collections.abc import Collection
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
-
-import typer
 
 from rorg.cli.context import Context
 from rorg.cli.differences import Differences, differences, warn_of_other_tree
 from rorg.cli.kinds import Seconds
-from rorg.cli.options import Output, Timeout, TreeDirectory, Yes
+from rorg.cli.options import Output, Timeout, TreeDirectory, WaitFor, Yes
 from rorg.cli.output import consent, note, print_rows
 from rorg.cli.published import SETTLED, condition, failure, hopeless, unready
 from rorg.errors import NotReady, Refused
@@ -31,14 +29,7 @@ if TYPE_CHECKING:
 def command(
     context: TreeDirectory,
     yes: Yes = False,
-    wait: Annotated[
-        Literal["ready", "proven"] | None,
-        typer.Option(
-            "--wait",
-            help="Return when everything is ready, or with =proven when it has also stayed well; exit 4 if that fails.",
-            metavar="[=ready|proven]",
-        ),
-    ] = None,
+    wait: WaitFor = None,
     timeout: Timeout = Seconds(300),
     output: Output = "table",
 ) -> None:

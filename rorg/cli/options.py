@@ -115,6 +115,15 @@ RunTree = Annotated[Context, ContextOptions(directory=Directory, local=True, own
 Output = Annotated[Form, typer.Option("-o", "--output", help="table, wide, name, yaml or json.", metavar="FORM")]
 Yes = Annotated[bool, typer.Option("--yes", "-y", help="Do not ask.")]
 Wait = Annotated[bool, typer.Option("--wait", help="Return when everything is ready; exit 4 if that fails.")]
+WaitFor = Annotated[
+    Literal["ready", "proven"] | None,
+    typer.Option(
+        "--wait",
+        help="Return when everything is ready, or with =proven when it has also stayed well; exit 4 if that fails.",
+        metavar="[=ready|proven]",
+    ),
+]
+"""For commands that change the manifests: they can also wait for the bake of what changes."""
 Timeout = Annotated[float, typer.Option("--timeout", help="Longest time to wait: 10s, 5m.", parser=duration)]
 ServiceName = Annotated[
     str, typer.Argument(help="A service or a group.", parser=service_name, autocompletion=complete_services)

@@ -10,7 +10,7 @@ import typer
 from rorg.cli.apply import agree
 from rorg.cli.differences import Differences
 from rorg.cli.kinds import Seconds
-from rorg.cli.options import Timeout, Tree, Wait, Yes
+from rorg.cli.options import Timeout, Tree, WaitFor, Yes
 from rorg.cli.output import note
 from rorg.errors import Invalid
 
@@ -25,7 +25,7 @@ def command(
         ),
     ] = "",
     yes: Yes = False,
-    wait: Wait = False,
+    wait: WaitFor = None,
     timeout: Timeout = Seconds(300),
 ) -> None:
     """Bring the robot back to an earlier time: its manifests, as `rorg rollback` does, and the requests that people

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, Protocol
 
-from rorg.cli.apply import READY, bring_about, taken
+from rorg.cli.apply import bring_about, taken
 from rorg.cli.context import Context
 from rorg.cli.differences import Differences, differences
 from rorg.cli.goals import Goal
@@ -108,12 +108,12 @@ def go_back(
     *,
     command: str,
     doubt: str = "",
-    waiting: tuple[bool, float],
+    waiting: tuple[str | None, float],
     then: Callable[[], None] = lambda: None,
 ) -> bool:
     """Shows the plan, the files that change and the `doubt` about the goal, and asks (`agreed`). Then commits, calls
-    `then`, and carries it out. `waiting`: whether to wait until
-    everything is ready, and for how many seconds. False if there was nothing to commit. Raises Refused and NotReady."""
+    `then`, and carries it out. `waiting`: what to wait for (READY, PROVEN or None), and for how many seconds. False if
+    there was nothing to commit. Raises Refused and NotReady."""
     from rorg.host.person import caller
 
     if is_copy(context, root):
@@ -138,7 +138,7 @@ def go_back(
     waitings = [w for w in comparison.plan["waitings"] if w.get("code") != CONFIRM or w["service"] in shown.unconfirmed]
     agreed_to = comparison._replace(withheld=withheld, plan={**comparison.plan, "waitings": waitings})
     wait, timeout = waiting
-    bring_about(context, owner, agreed_to, READY if wait else None, timeout)
+    bring_about(context, owner, agreed_to, wait, timeout)
     return bool(made)
 
 

@@ -10,19 +10,21 @@ import typer
 from rorg.cli.apply import agree
 from rorg.cli.kinds import Seconds
 from rorg.cli.names import complete_services
-from rorg.cli.options import Timeout, Tree, Wait, Yes
+from rorg.cli.options import Timeout, Tree, WaitFor, Yes
 from rorg.cli.output import echo, note
+
+Rev = Annotated[
+    str,
+    typer.Argument(
+        help="REV: a number from `rorg history`, or a commit as in git. Default: the last proven one that changes all "
+        "that fails now."
+    ),
+]
 
 
 def command(
     context: Tree,
-    revision: Annotated[
-        str,
-        typer.Argument(
-            help="REV: a number from `rorg history`, or a commit as in git. Default: the last proven "
-            "one that changes all that fails now."
-        ),
-    ] = "",
+    revision: Rev = "",
     service: Annotated[
         str,
         typer.Option(
@@ -32,7 +34,7 @@ def command(
     *,
     printed: Annotated[bool, typer.Option("--print", help="Only print the git commands that make the commit.")] = False,
     yes: Yes = False,
-    wait: Wait = False,
+    wait: WaitFor = None,
     timeout: Timeout = Seconds(300),
 ) -> None:
     """Return to revision REV: show the plan, ask, commit the manifests and image sources of REV, and carry it out.

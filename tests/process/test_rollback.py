@@ -131,6 +131,16 @@ def test_back_to_the_last_good_one(robot):
     assert made(robot) == robot.was
 
 
+def test_a_rollback_waits_until_its_goal_is_proven_again(running):
+    """Its bake has just begun when everything is ready."""
+    stands(running, commit(running, "three", {"arm": ends(7), "base": says(2)}), "failed")
+    for words in (("rollback", "--wait=proven"), ("restore", "--at", "1", "--wait=proven")):
+        rorg(running, *words, "--yes")
+        newest = revisions(running)[0]
+        assert (newest.commit, newest.standing) == (git(running, "rev-parse", "HEAD"), "good")
+    assert "'soon' is not one of 'ready', 'proven'" in rorg(running, "rollback", "1", "--wait=soon", code=2)
+
+
 def test_one_service_alone(running):
     robot = running
     said = rorg(robot, "rollback", "HEAD~1", "--service", "arm", "--yes")
