@@ -25,6 +25,8 @@ from rorg.history.meta_requests import Asked
 from rorg.history.revisions import UNDER_WAY, Made, Revision, Revisions
 from rorg.history.runs import Runs
 from rorg.model.catalog import Catalog, Request
+from rorg.model.causes import Cause
+from rorg.model.codes import BLOCKED, NO_IMAGE
 
 
 class Historian:
@@ -49,6 +51,8 @@ class Historian:
         """Whether the revision that was in force before this rorg began has been looked up."""
         self._refused: Revision | None = None
         """The last refused state of the manifests, while they are refused."""
+        self._failing: frozenset[str] = frozenset()
+        """Its services that are known to have failed."""
         self._seen: tuple[object, ...] = ()
         """The tree of the last pass."""
         self._images: Mapping[str, str] = {}
@@ -125,8 +129,12 @@ class Historian:
         self._note_images(decision, revision.number)
         before = Standing(revision.standing, revision.reason)
         self.standing = verdict = standing(decision, before, self._changed)
+        failing = failing_services(decision) if verdict.code == FAILED else frozenset()
         if verdict.code != before.code:
-            self._revision = self._settle(revision, verdict)
+            self._revision = self._settle(revision, verdict, failing)
+        elif failing - self._failing and verdict != before:
+            self._revision = self._revise(revision, verdict, failing)
+        self._failing |= failing
 
     def _is_new(self, tree: Tree) -> bool:
         """Return whether the tree was read after the revision in force was noted."""
@@ -161,6 +169,7 @@ class Historian:
         if last is None or _identity(last) != _identity(revision):
             self._settle_failed(last, memory)
             services = made(tree.desired, last.services if last else {}, self.masker)
+            self._failing = frozenset()
             self._revision = self.revisions.begin(
                 replace(revision, plan=self.masker.text(plan.text()), services=services)
             )
@@ -189,16 +198,34 @@ class Historian:
         }
         if failed:
             reason = "; ".join(f"{name}: {why}" for name, why in failed.items())
-            self._settle(last, Standing(FAILED, reason))
+            self._settle(last, Standing(FAILED, reason), failed)
 
-    def _settle(self, revision: Revision, verdict: Standing) -> Revision:
+    def _settle(self, revision: Revision, verdict: Standing, failing: Iterable[str]) -> Revision:
         """Record a new standing. The revision with it."""
-        now = self.wall()
-        self.revisions.settle(revision.number, verdict.code, self.masker.text(verdict.reason), now)
+        now, reason = self.wall(), self._reason(revision, verdict, failing)
+        self.revisions.settle(revision.number, verdict.code, self.masker.text(reason), now)
         if verdict.code == FAILED:
-            self.failed(revision.number, verdict.reason, bool(revision.proven_at))
+            self.failed(revision.number, reason, bool(revision.proven_at))
         proven_at = revision.proven_at or (now if verdict.code == GOOD else "")
-        return replace(revision, standing=verdict.code, reason=verdict.reason, proven_at=proven_at)
+        return replace(revision, standing=verdict.code, reason=reason, proven_at=proven_at)
+
+    def _revise(self, revision: Revision, verdict: Standing, failing: Iterable[str]) -> Revision:
+        """Record that more services fail. The revision with them."""
+        reason = self._reason(revision, verdict, failing)
+        self.revisions.revise(revision.number, self.masker.text(reason))
+        return replace(revision, reason=reason)
+
+    def _reason(self, revision: Revision, verdict: Standing, failing: Iterable[str]) -> str:
+        """The reason of a standing, with the revisions to blame for services that an earlier one changed."""
+        blamed: dict[int, list[str]] = {}
+        for name in failing:
+            blamed.setdefault(self.revisions.changed_in(name, revision.number), []).append(name)
+        origins = [
+            f"{Cause(tuple(sorted(names)), '').who} last changed in revision {number}"
+            for number, names in sorted(blamed.items())
+            if number not in (0, revision.number)
+        ]
+        return f"{verdict.reason} ({'; '.join(origins)})" if origins else verdict.reason
 
 
 def _of_commit(tree: Tree) -> dict[str, Any]:
@@ -231,6 +258,13 @@ def verdicts(name: str, update: Update) -> list[Verdict]:
     failures = [Verdict(name, edition, FAILS, why) for edition, why in update.failures.items()]
     proven = update.baked and update.baked not in update.failures
     return [*failures, *([Verdict(name, update.baked, PROVEN)] if proven else [])]
+
+
+def failing_services(decision: Decision) -> frozenset[str]:
+    """The services that make the manifests in force fail, as core.standing finds them."""
+    updates = ((name, decision.situation.memory.of(name).update) for name in decision.situation.desired.editions)
+    failing = frozenset(name for name, update in updates if update.failed or update.broken)
+    return failing or frozenset(decision.plan.reasons(NO_IMAGE, BLOCKED))
 
 
 def _of_meta(requests: Iterable[Request], catalog: Catalog) -> list[Request]:

@@ -120,6 +120,10 @@ class Revisions:
         proven_at = at if standing == "good" else ""
         self.database.write([(sql, [(standing, reason, at, proven_at, number)])])
 
+    def revise(self, number: int, reason: str) -> None:
+        """Record a new reason for its standing."""
+        self.database.write([("UPDATE revision SET reason = ? WHERE number = ?", [(reason, number)])])
+
     def note_images(self, number: int, images: Mapping[str, str]) -> None:
         """Record the engine's image ids of services, once they are known."""
         rows = [(image, service, number, number) for service, image in images.items()]
@@ -179,6 +183,16 @@ class Revisions:
         """The editions that a service had, the newest first."""
         sql = "SELECT first, last, edition FROM made WHERE service = ? ORDER BY first DESC"
         return self.database.read(_span, sql, (service,))
+
+    def changed_in(self, service: str, number: int) -> int:
+        """Return the revision in which a service got the edition that it has in this one; 0 if it is not on record."""
+        first = 0
+        for span in self.spans(service):
+            if span.first <= number and not first:
+                first, edition = span.first, span.edition
+            elif first and (span.last, span.edition) == (first - 1, edition):
+                first = span.first
+        return first
 
     def _select(self, condition: str, args: tuple[Any, ...], most: int) -> Sequence[Revision]:
         sql = f"SELECT {COLUMNS} FROM revision WHERE {condition} ORDER BY number DESC LIMIT ?"

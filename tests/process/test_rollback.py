@@ -239,6 +239,21 @@ def test_what_fails_goes_back_although_a_good_change_of_another_service_came_lat
     assert made(running) == running.now
 
 
+def test_a_revision_that_failed_for_an_earlier_change_names_that_change(running):
+    stands(running, commit(running, "three", {"arm": ends(7), "base": says(2)}), "failed")
+    stands(running, commit(running, "four", {"arm": ends(7), "base": says(4)}), "failed")
+    stands(running, commit(running, "five", {"arm": ends(7), "base": ends(8)}), "failed")
+    wait_for(lambda: "base" in revisions(running)[0].reason, what="the failure of base to be on record")
+    reasons = {r.number: r.reason for r in revisions(running) if r.standing == "failed"}
+    own = "arm: ended with exit code 7"
+    assert reasons[3] == own
+    assert reasons[4] == f"{own} (arm last changed in revision 3)"
+    assert reasons[5] == f"{own}; base: ended with exit code 8 (arm last changed in revision 3)"
+    assert f"reason   {reasons[4]}" in rorg(running, "history", "show", "4")
+    assert reasons[4] in rorg(running, "history", "-o", "wide")
+    assert f"revision 4 of the manifests failed: {reasons[4]}" in rorg(running, "events", "--tail", "100")
+
+
 def test_a_goal_changes_all_that_fails(running):
     third = commit(running, "three", {"arm": ends(7), "base": says(3)})
     stands(running, third, "failed")
