@@ -90,13 +90,15 @@ class Historian:
         gone = self._progress.keys() - progress.keys() if progress is not self._progress else set()
         changed = changed_keys(self._progress, progress) | self._stale | differing(self._restarts, due)
         changed &= progress.keys()
-        news = (v for name in changed for v in verdicts(name, progress[name].update))
-        self.evidence.note((replace(v, reason=self.masker.text(v.reason)) for v in news), self.wall())
+        self._note_verdicts(v for name in changed for v in verdicts(name, progress[name].update))
         self._progress, self._restarts = progress, due
         if changed or gone:
             saved = {name: saved_progress(progress[name], due.get(name), boot) for name in changed}
             texts = {name: self.masker.json(json.dumps(known)) for name, known in saved.items()}
             self._stale = set() if self.runs.write(texts, gone) else changed
+
+    def _note_verdicts(self, news: Iterable[Verdict]) -> None:
+        self.evidence.note((replace(v, reason=self.masker.text(v.reason)) for v in news), self.wall())
 
     # -- revisions ---------------------------------------------------------------------------------------------
 
@@ -135,6 +137,11 @@ class Historian:
         elif failing - self._failing and verdict != before:
             self._revision = self._revise(revision, verdict, failing)
         self._failing |= failing
+        if failing:
+            # No run shows that these editions fail, because nothing of them runs.
+            held_up = decision.plan.reasons(NO_IMAGE, BLOCKED)
+            editions = decision.situation.desired.editions
+            self._note_verdicts(Verdict(n, editions[n], FAILS, why[-1]) for n, why in held_up.items() if n in editions)
 
     def _is_new(self, tree: Tree) -> bool:
         """Return whether the tree was read after the revision in force was noted."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 
 import pytest
+import yaml
 from robots import WORK, RealRobot, write_tree
 from rolled_back import git, revisions, rorg, stands
 
@@ -200,6 +201,20 @@ def test_what_was_never_tried_is_untested_and_no_goal_of_a_rollback(mounted):
     assert "\n  2: other never ran as declared then\n  1: other never ran as declared then\n" in said
     said = mounted.rollback("2", "--yes")
     assert "caution: revision 2 is not known to work: other never ran as declared then" in said
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mounted", [pytest.param("docker", marks=pytest.mark.docker)], indirect=True)
+def test_an_image_that_cannot_be_obtained_fails_too(mounted):
+    """Nothing of its edition ever runs, so no run can show it."""
+    nav = yaml.safe_load((mounted.tree / "services/nav.yaml").read_text())["spec"]
+    mounted.request("other", id="more")
+    for other in {}, {"container": {"environment": {"N": "1"}}}:
+        mounted.wait(lambda: (update := mounted.loop.decision.memory.of("other").update).baked == update.edition)
+        write_tree(mounted.tree, {"nav": {**nav, "image": "registry.invalid/nav:2"}, "other": other}, policies=POLICY)
+        stands(mounted, mounted.save(WELL), "failed")
+    mounted.rollback("--yes")
+    assert git(mounted, "diff", mounted.first) == ""
 
 
 @pytest.mark.slow
