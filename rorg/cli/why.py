@@ -8,6 +8,7 @@ from rorg.cli.operations import operating
 from rorg.cli.options import Output, RobotEngine, ServiceName
 from rorg.cli.output import print_rows
 from rorg.cli.terminal import printable
+from rorg.model.causes import verb_before
 from rorg.model.health import Health
 
 if TYPE_CHECKING:
@@ -56,16 +57,11 @@ def _texts(entry: Why) -> list[str]:
             lines.append("  no request names it")
         if entry["needed_by"]:
             lines.append(f"  no service that needs it is active: {', '.join(entry['needed_by'])}")
-    lines += [f"  it {_verb(reason)}{reason}" for reason in entry["waits"]]
+    lines += [f"  it {verb_before(reason)}{reason}" for reason in entry["waits"]]
     lines += [f"  {rival['text']} is active" for rival in entry["rivals"]]
     lines += [f"  to let it in: `{command}`" for command in entry["remedies"]]
     lines += [f"  caution: {text}" for text in entry["cautions"]]
     return lines
-
-
-def _verb(reason: str) -> str:
-    """Many reasons begin with a verb of their own."""
-    return "" if reason.startswith(("waits ", "lingers ")) else "waits: "
 
 
 def _word(entry: Why) -> str:

@@ -14,6 +14,7 @@ from rorg.core.ros_parameters import due
 from rorg.core.situation import View
 from rorg.core.steps import Step
 from rorg.model.catalog import Service
+from rorg.model.causes import verb_before
 from rorg.model.codes import DEVICE, FAILED, INTERLOCK, PARAMETERS, REMOVAL, ROOM
 from rorg.model.joining import ends_with
 from rorg.model.units import format_seconds
@@ -63,6 +64,11 @@ def not_removed(name: str, container: str, why: Reason, at: float | None = None)
     return Waiting(name, prefixed(f"the engine does not remove its container {container[:ID]}: ", why), at, REMOVAL)
 
 
+def waits(reason: Reason) -> Reason:
+    """Return why a service waits, as words that follow its name."""
+    return prefixed(verb_before(reason if isinstance(reason, str) else reason.before), reason)
+
+
 def _resume(view: View, service: Service, step: Step) -> Passage:
     """A stop that resumes a paused container needs room for the end of its run."""
     if not (isinstance(step.operation, Stop) and step.operation.resumes):
@@ -95,7 +101,7 @@ def _gate(view: View, service: Service, step: Step) -> Passage:
         return (), Waiting(name, f"interlock: {locked}", code=INTERLOCK)
     begins = operation.begins or step.part_of
     if swap and memory.update.held and not _ends_anyway(view, service):
-        return (), Waiting(name, f"waits for the new container of {memory.update.held}, which changes together with it")
+        return (), _rest_of_set(name, memory.update.held)
     limits = view.desired.catalog.policy.pressure
     # Only for wanted services: a change must not keep a shed service from being stopped.
     admitted = name not in view.s.wanted or limits is None or view.s.priorities.get(name, 0) >= limits.admit
@@ -109,6 +115,13 @@ def _gate(view: View, service: Service, step: Step) -> Passage:
     if operation.ends and name not in view.s.wanted:
         return _cease(view, service)
     return FREE
+
+
+def _rest_of_set(name: str, missing: str) -> Waiting:
+    """Return what a service waits for while its set lacks the new container of `missing`, which may be its own."""
+    if missing == name:
+        return Waiting(name, "waits until all services that change together with it have new containers")
+    return Waiting(name, f"waits for the new container of {missing}, which changes together with it")
 
 
 def _back_off(view: View, name: str, operation: Operation) -> Waiting | None:
@@ -192,7 +205,7 @@ def unready(view: View, service: Service, blocked: Reason, planned: Collection[O
     if progress.ready and goes_on:
         return ""
     if blocked and not goes_on:
-        return prefixed("waits: ", blocked)
+        return waits(blocked)
     if (planned and not blocked) or view.s.completed(service.name):
         return ""
     if progress.running_since is None:

@@ -11,6 +11,7 @@ from rorg.core.observed import Container
 from rorg.core.operations import Create
 from rorg.core.plan import SYMBOLS, Action, Plan
 from rorg.core.situation import Situation
+from rorg.model.causes import verb_before
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +95,7 @@ class Overview:
         reasons = [changes_text if _by_change(a, changes) else a.why for a in telling] if actions else [changes_text]
         after = [other for a in actions for other in a.after if other != name]
         reasons += [f"after {', '.join(dict.fromkeys(after))}"] if after else []
-        reasons += [f"waits: {w}" if actions else w for w in waits if w not in reasons]
+        reasons += [verb_before(w) + w if actions else w for w in waits if w not in reasons]
         why = "; ".join(dict.fromkeys(filter(None, reasons)))
         return Entry(name, tuple(dict.fromkeys(map(_verb, actions))) or ("wait",), why, changes)
 

@@ -11,12 +11,12 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping, Set
 from graphlib import CycleError, TopologicalSorter
 
-from rorg.core.gates import gate, not_removed, unready
+from rorg.core.gates import gate, not_removed, unready, waits
 from rorg.core.joining import joined_of
 from rorg.core.object_plans import declared_chain, declared_objects, former_chain, former_objects
 from rorg.core.observed import Container
 from rorg.core.operations import CreateObject, Remove, Rename
-from rorg.core.plan import NOTHING, Action, Reason, ServicePlan, Timed, Waiting, prefixed
+from rorg.core.plan import NOTHING, Action, Reason, ServicePlan, Timed, Waiting
 from rorg.core.reconcile import chain
 from rorg.core.situation import Exclusive, Situation, View
 from rorg.core.steps import Chain, Step, away
@@ -106,7 +106,7 @@ class Planner:
         actions, waitings, blocked = self._let_through(service, led.steps, view)
         if led.waiting:
             waitings, blocked = (led.waiting,), led.waiting.reason
-        missing = prefixed("waits: ", blocked) if blocked else ""
+        missing = waits(blocked) if blocked else ""
         if not led.waiting and self.s.desired.dependants.get(name):
             missing = unready(view, service, blocked, [a.operation for a in actions])
         return ServicePlan(

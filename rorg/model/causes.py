@@ -50,6 +50,11 @@ def _cause(common: str, members: list[tuple[str, str]]) -> Cause:
     return Cause(tuple(dict.fromkeys(name for name, _ in members)), common if len(whys) > 1 else members[0][1])
 
 
+def verb_before(reason: str) -> str:
+    """Return the verb to put between a service and why it waits; "" if the reason has one: `waits for gpu`."""
+    return "" if reason.startswith(("waits ", "lingers ")) else "waits: "
+
+
 def common_cause(why: str) -> str:
     """Return a reason without what is the container's own."""
     for pattern, put in _OWN:

@@ -47,7 +47,7 @@ def test_what_a_suspension_keeps_from_starting_says_so(shell):
 def test_a_task_that_is_done_has_completed(shell):
     begin(shell, job={"restart": "never", "command": ["true"]})
     shell("request", "job", "--wait")
-    assert why(shell, "job")[0] == "job has completed, and is wanted:"
+    wait_for(lambda: why(shell, "job")[0] == "job has completed, and is wanted:")
 
 
 @pytest.mark.slow

@@ -118,6 +118,21 @@ def held(**more: Any) -> list[str]:
     return planned(*services, seen=more.pop("seen", (CHANGED, box("arm"))), known=known, **more)
 
 
+def test_a_service_never_waits_for_itself_in_words():
+    """Its own new container may be the one that is missing."""
+    assert [line for line in held(known={"base": up(update=Update(held="base"))}) if line.startswith(".")] == [
+        ". wait base waits until all services that change together with it have new containers"
+    ]
+
+
+def test_what_needs_a_service_that_waits_says_so_once():
+    services = replace(BASE, exclusive={"gpu": 1}), replace(ARM, name="lamp", needs=(), exclusive={"gpu": 1})
+    ends = box(state="exited"), box("lamp", "exited")
+    known = Memory({}, in_flight=flying(Start, "lamp").in_flight)
+    found = planned(*services, ARM, seen=(*ends, box("arm", "exited")), memory=known)
+    assert ". wait arm base waits for gpu, which lamp still uses" in found
+
+
 def test_a_run_goes_on_until_all_of_its_set_are_made():
     why = "waits for the new container of arm, which changes together with it"
     assert f". wait base {why}" in held()

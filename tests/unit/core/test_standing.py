@@ -164,6 +164,16 @@ def test_what_is_followed_and_waited_for_is_told():
     assert waits["arm"] == (["wait"], "base waits: no device", [])
 
 
+def test_waiting_is_said_once():
+    """A reason may have a verb of its own."""
+    changed, pair = box(spec={"image": "y"}), Updating(atomic="pair")
+    services = replace(BASE, update=pair), replace(ARM, needs=(), update=pair)
+    known = {"base": up(update=Update(held="arm"))}
+    assert entries(*services, seen=(changed, box("arm")), known=known)["base"][1] == (
+        "image: y -> x; waits for the new container of arm, which changes together with it"
+    )
+
+
 def test_a_unified_diff_is_shown_of_what_is_made_changed_or_removed():
     changed, gone = box(spec={"image": "y"}), box("gone", "exited")
     found = situation(BASE, ARM, seen=(changed, gone, box("arm")))
