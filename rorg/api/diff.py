@@ -73,7 +73,12 @@ def differences(operations: Operations, unified: bool, past: CommitTree | None =
         "errors": [] if past else tree["errors"],
         "warnings": [] if past else tree["warnings"],
         "requests_errors": about["requests_errors"],
-        **plan_forms(decision, decision.plan if past else with_calls_under_way(decision), unified),
+        **plan_forms(
+            decision,
+            decision.plan if past else with_calls_under_way(decision),
+            unified,
+            operations.catalog if past else None,
+        ),
     }
 
 

@@ -276,8 +276,8 @@ class Differences(BaseModel):
     empty: bool = Field(description="Whether there is nothing to do, and nothing waits.")
     text: str = Field(description="The plan step by step, for people.")
     services: list[dict[str, Any]] = Field(
-        description="The same service by service: `verbs`, `why`, `changes` (field, old, new; possible secrets "
-        "masked), and all of that as a `line`."
+        description="The same service by service: `verbs` (`probe`: only its probes change), `why`, `changes` (field, "
+        "old, new; possible secrets masked), and all of that as a `line`."
     )
     unified: dict[str, str] = Field(description="With `unified`: service -> unified diff of its container, masked too.")
     suspended: str = Field(description="Why nothing of it is done now; empty if rorg is not suspended.")

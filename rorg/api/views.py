@@ -100,18 +100,18 @@ def images(catalog: Catalog) -> list[dict[str, Any]]:
     ]
 
 
-def plan_forms(decision: Decision, plan: Plan, unified: bool) -> dict[str, Any]:
-    """A plan of a decision, in all its forms."""
+def plan_forms(decision: Decision, plan: Plan, unified: bool, before: Catalog | None = None) -> dict[str, Any]:
+    """A plan of a decision, in all its forms. `before` are the manifests in force, if these are others."""
     situation, catalog = decision.situation, decision.situation.desired.catalog
-    overview = Overview(situation, plan)
+    overview = Overview(situation, plan, before.services if before else {})
     return {
         "fingerprint": catalog.fingerprint,
         "withheld": sorted(situation.withheld),
         "probed": sorted(name for name, service in catalog.services.items() if service.ready),
-        "empty": plan.empty,
-        "text": plan.text(),
+        "empty": overview.empty,
+        "text": overview.text(),
         "services": overview.as_json(),
         "unified": overview.unified() if unified else {},
         "suspended": situation.suspended,
-        "plan": plan.as_json(),
+        "plan": {**plan.as_json(), "summary": overview.summary()},
     }

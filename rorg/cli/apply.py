@@ -90,7 +90,7 @@ def bring_about(
         from rorg.cli.local_apply import carry_out
 
         _confirm_here(context, shown)
-        carry_out(context, shown.tree, shown.decision, bool(wait), timeout)
+        carry_out(context, shown.tree, shown.decision, bool(wait), timeout, empty=shown.empty)
     else:
         _through(context, owner, shown, wait, timeout)
 

@@ -163,16 +163,17 @@ def _computed(context: Context, unified: bool, rev: str) -> Differences:
     from rorg.api.views import plan_forms
     from rorg.cli.local import decision_for
     from rorg.manifest.load import unusable
+    from rorg.store.last_good import read_kept
 
-    tree = tree_of(context)
+    tree, before = tree_of(context), read_kept(context.state.path).catalog
     if rev:
         past = past_of(context, tree, rev)
         decision = decision_for(context, past.desired)
-        forms = {**plan_forms(decision, decision.plan, unified), "commit": past.commit}
+        forms = {**plan_forms(decision, decision.plan, unified, before), "commit": past.commit}
         return _of(forms, context.root, told=False)
     tree.read_now()
     if not tree.loaded:
         raise unusable(context.root, tree.errors)
     decision = decision_for(context, tree.desired)
-    comparison = _of(plan_forms(decision, decision.plan, unified), context.root, told=False)
+    comparison = _of(plan_forms(decision, decision.plan, unified, before), context.root, told=False)
     return comparison._replace(decision=decision, tree=tree, warnings=tuple(d.as_json() for d in tree.warnings))

@@ -22,11 +22,11 @@ BULK = 8
 """Parallel engine calls: no rorg serves, so they cannot delay a request."""
 
 
-def carry_out(context: Context, tree: Tree, first: Decision, wait: bool, timeout: float) -> None:
-    """Carries out the plan. `first` is the decision of the plan that was shown; if it has nothing to do, the tree and
-    the engine are not looked at again. Raises Incomplete."""
+def carry_out(context: Context, tree: Tree, first: Decision, wait: bool, timeout: float, *, empty: bool) -> None:
+    """Carries out the plan. `first` is the decision of the plan that was shown; if that was `empty`, the tree and the
+    engine are not looked at again. Raises Incomplete."""
     last, timed_out = first, False
-    if not (first.plan.empty and _good_or_bad(first)):
+    if not (empty and _good_or_bad(first)):
         last, timed_out = _run(context, tree, first, timeout)
     context.state.release()
     view = snapshot(last, {})

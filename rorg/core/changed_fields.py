@@ -8,7 +8,7 @@ import shlex
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from itertools import takewhile
-from typing import Any
+from typing import Any, Protocol
 
 from rorg.core.desired import Desired
 from rorg.core.diff import Difference, normal, normal_fields
@@ -19,7 +19,8 @@ from rorg.core.observed import Container
 from rorg.model.catalog import DEVELOPER, Spec
 from rorg.model.objects import EngineObject
 from rorg.model.options import LIVE
-from rorg.model.units import format_memory
+from rorg.model.probe import Probe
+from rorg.model.units import format_duration, format_memory
 
 LONG = 60
 """Characters; longer values are shortened to the part that differs."""
@@ -118,6 +119,42 @@ def field_changes(field: str, old: Any, new: Any) -> list[Change]:
         keys = sorted(k for k in {*before, *after} if before.get(k) != after.get(k))
         return [c for k in keys for c in field_changes(f"{field}.{k}", before.get(k), after.get(k))]
     return [Change(field, masked(field, old), masked(field, new))]
+
+
+class Probed(Protocol):
+    """Something with the probes of a service."""
+
+    @property
+    def ready(self) -> Probe | None: ...
+    @property
+    def live(self) -> Probe | None: ...
+
+
+def probe_changes(was: Probed, now: Probed) -> tuple[Change, ...]:
+    """Return what differs between the probes of a service then and now, in the words of manifests."""
+    pairs = ("ready", was.ready, now.ready), ("live", was.live, now.live)
+    return tuple(
+        change
+        for role, old, new in pairs
+        if old != new
+        for change in field_changes(role, _probe_fields(old, bool(new)), _probe_fields(new, bool(old)))
+    )
+
+
+def _probe_fields(probe: Probe | None, whole: bool = True) -> dict[str, Any] | None:
+    """Return a probe as in a manifest; without `whole`, only its question."""
+    if probe is None:
+        return None
+    question = {probe.kind: [_question(part) for part in probe.parts]} if probe.parts else _question(probe)
+    often = {} if probe.parts else {"interval": format_duration(probe.interval)}
+    more = {"timeout": format_duration(probe.timeout), **often, "failures": probe.failures}
+    return {**question, **(more if whole else {})}
+
+
+def _question(probe: Probe) -> dict[str, Any]:
+    """Return what a probe asks, with a target of several words as one text."""
+    target = shlex.join(probe.target) if isinstance(probe.target, tuple) else probe.target
+    return {probe.kind: str(target).removeprefix("127.0.0.1:") if probe.kind == "tcp" else target}
 
 
 def _shown(value: Any) -> str:
@@ -238,7 +275,8 @@ def _service(desired: Desired, name: str) -> dict[str, Any]:
     """Return the fields of a service, including container options and the content it mounts from the tree."""
     service = desired.catalog.services[name]
     extra = {CONTENT: dict(desired.contents.get(name, {})), PARAMETERS: dict(service.ros.values) if service.ros else {}}
-    return {**_fields(service), **_declared(service.options, service.secrets), **extra}
+    probes = {"ready": _probe_fields(service.ready), "live": _probe_fields(service.live)}
+    return {**_fields(service), **probes, **_declared(service.options, service.secrets), **extra}
 
 
 def _network_or_volume(declared: EngineObject) -> dict[str, Any]:

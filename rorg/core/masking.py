@@ -23,7 +23,7 @@ KEPT = 256
 """Number of secrets of earlier trees that are still masked: old containers and records may quote them."""
 _WORD = re.compile(
     rf"created|running|restarting|removing|paused|exited|{'|'.join(Health)}|Synced|"
-    r"OutOfSync|create|update|rename|signal|resume|activate|deactivate|inactive|remove|replace|restart|failed|withheld|"
+    r"OutOfSync|create|update|probe|rename|signal|resume|activate|deactivate|inactive|remove|replace|restart|failed|withheld|"
     r"preempted|suspended|skipped|present|imported|pulled|docker|process|developer|Requested|Reconciling|Stalled|Updated|warning|"
     r"always|on-failure"
 )

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
-from rorg.core.changed_fields import Change, changed_fields, unified
+from rorg.core.changed_fields import Change, Probed, changed_fields, probe_changes, unified
 from rorg.core.diff import Difference, difference
 from rorg.core.observed import Container
 from rorg.core.operations import Create
 from rorg.core.plan import SYMBOLS, Action, Plan
 from rorg.core.situation import Situation
 from rorg.model.causes import verb_before
+
+PROBE = "probe"
+"""The verb of a service that goes on as it is, with other probes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,7 +25,8 @@ class Entry:
 
     service: str
     verbs: tuple[str, ...]
-    """`replace` and `restart` stand for the actions that make them up; `wait` if nothing is done."""
+    """`replace` and `restart` stand for the actions that make them up; `wait` if nothing is done, and `probe` if only
+    the probes change."""
     why: str
     changes: tuple[Change, ...] = ()
 
@@ -28,22 +34,63 @@ class Entry:
         """Return the entry as one line with columns of the given widths."""
         # A reason may quote a program's output; keep it on one line.
         why = self.why.replace("\n", "\\n")
-        return f"{SYMBOLS[self.verbs[0]]:<3} {self.named:<{verbs}} {self.service:<{services}}  {why}".rstrip()
+        return f"{SYMBOLS.get(self.verbs[0], '~'):<3} {self.named:<{verbs}} {self.service:<{services}}  {why}".rstrip()
 
     @property
     def named(self) -> str:
         return ", ".join(self.verbs)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Overview:
-    """A plan together with its situation."""
+    """A plan together with its situation. `before` has the probes that are in force: they are no part of a container,
+    so no plan shows that they change."""
 
     situation: Situation
     plan: Plan
+    before: Mapping[str, Probed] = field(default_factory=dict)
+
+    @cached_property
+    def probes(self) -> dict[str, tuple[Change, ...]]:
+        """Return the changes of the probes of each service that has any."""
+        services = self.situation.desired.catalog.services
+        found = {n: probe_changes(was, services[n]) for n, was in sorted(self.before.items()) if n in services}
+        return {name: changes for name, changes in found.items() if changes}
+
+    @property
+    def empty(self) -> bool:
+        return self.plan.empty and not self.probes
+
+    def text(self) -> str:
+        """Return the plan step by step, and then the services of which only the probes change."""
+        entries = [e for e in self.entries() if e.verbs == (PROBE,)]
+        width = max((len(e.service) for e in entries), default=0)
+        steps = "" if self.plan.empty else self.plan.text().removesuffix(f"{self.plan.summary()}\n")
+        return steps + "".join(f"{e.line(len('replace'), width)}\n" for e in entries) + f"{self.summary()}\n"
+
+    def summary(self) -> str:
+        """Return one line with the counts."""
+        only = sum(e.verbs == (PROBE,) for e in self.entries())
+        if not only:
+            return self.plan.summary()
+        counts = "Plan: " if self.plan.empty else f"{self.plan.summary().removesuffix('.')}, "
+        return f"{counts}{only} to probe differently."
 
     def entries(self) -> list[Entry]:
-        """Return one entry per service in the plan, in its order."""
+        """Return one entry per service in the plan, in its order, and then one per service of which only the probes
+        change."""
+        planned = {entry.service: entry for entry in self._planned}
+        for name, changes in self.probes.items():
+            texts, entry = "; ".join(map(str, changes)), planned.get(name)
+            planned[name] = (
+                replace(entry, why=f"{entry.why}; {texts}", changes=(*entry.changes, *changes))
+                if entry
+                else Entry(name, (PROBE,), f"{texts}; probes only, no restart", changes)
+            )
+        return list(planned.values())
+
+    @cached_property
+    def _planned(self) -> list[Entry]:
         actions: dict[str, list[Action]] = {}
         waits = self.plan.reasons()
         for action in self.plan.actions:
@@ -74,7 +121,7 @@ class Overview:
         services = self.situation.desired.catalog.services
         made = {a.service for a in self.plan.actions if isinstance(a.operation, Create)}
         texts = {}
-        for entry in self.entries():
+        for entry in self._planned:
             service = services.get(entry.service)
             gone = service is None and "remove" in entry.verbs
             if not (entry.changes or entry.service in made or gone):

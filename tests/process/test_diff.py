@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 
 import pytest
+from repositories import Repository
 from robots import RealRobot, write_tree
 from thin_commands import rorg
 
@@ -158,6 +159,27 @@ def test_the_unified_form_shows_old_and_new_and_only_what_changes(robot):
     only = rorg(robot, "diff", "-u", "--service", "more", code=1).stdout
     assert [line for line in only.splitlines() if line.startswith("+++")] == ["+++ more (manifests)"]
     assert rorg(robot, "diff", "--service", "spare").stdout == "No differences of spare.\n"
+
+
+@pytest.mark.slow
+def test_a_change_of_probes_alone_is_a_difference_until_it_is_in_force(robot):
+    was = services("slow", "60")
+    shown = "~   probe   base  live.exec: (unset) -> true; probes only, no restart\nPlan: 1 to probe differently.\n"
+    robot.stop()
+    write_tree(robot.tree, {**was, "base": {**was["base"], "live": {"exec": "true"}}})
+    assert rorg(robot, "diff", code=1).stdout == shown
+    assert shown in rorg(robot, "apply", str(robot.tree), "--yes").stderr
+    assert rorg(robot, "diff").stdout == "No differences.\n"
+
+
+@pytest.mark.slow
+def test_the_running_rorg_shows_the_probes_of_an_earlier_state(robot):
+    repository = Repository(robot.tree)
+    first = repository.commit("First")
+    was = services("slow", "60")
+    write_tree(robot.tree, {**was, "base": {**was["base"], "live": {"exec": "true"}}})
+    repository.commit("Second")
+    assert "live.exec: true -> (unset); probes only" in rorg(robot, "diff", first, code=1).stdout
 
 
 @pytest.mark.slow

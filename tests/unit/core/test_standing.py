@@ -21,6 +21,7 @@ from rorg.core.situation import MissingImage
 from rorg.core.standing import APPLYING, BAKING, FAILED, GOOD, UNTESTED, Standing, standing
 from rorg.core.update import Update
 from rorg.model.catalog import Catalog, Service, Updating
+from rorg.model.probe import Probe
 
 ON = replace(BASE, always_on=True)
 
@@ -162,6 +163,28 @@ def test_what_is_followed_and_waited_for_is_told():
     waits = entries(BASE, ARM, seen=(box(state="exited"), box("arm", "exited")), unplugged={"base": "no device"})
     assert waits["base"] == (["wait"], "no device", [])
     assert waits["arm"] == (["wait"], "base waits: no device", [])
+
+
+def test_a_change_of_probes_alone_is_shown_and_restarts_nothing():
+    ready = replace(BASE, ready=Probe("tcp", "127.0.0.1:8080", timeout=30.0))
+    found = situation(ready, ARM, seen=(box(), box("arm")))
+    before = {"base": replace(BASE, ready=Probe("tcp", "127.0.0.1:9090", timeout=30.0)), "arm": ARM, "gone": ARM}
+    overview = Overview(found, plan_all(found).plan(), before)
+    assert [e.line(7, 4) for e in overview.entries()] == [
+        "~   probe   base  ready.tcp: 9090 -> 8080; probes only, no restart"
+    ]
+    assert overview.text().splitlines() == [overview.entries()[0].line(7, 4), "Plan: 1 to probe differently."]
+    assert not overview.empty
+    same = Overview(found, plan_all(found).plan(), {"base": ready})
+    assert (same.empty, same.text()) == (True, "No differences.\n")
+
+
+def test_a_replacement_shows_changed_probes_too():
+    found = situation(replace(BASE, live=Probe("exec", ("true",), interval=10.0)), seen=(box(spec={"image": "y"}),))
+    overview = Overview(found, plan_all(found).plan(), {"base": BASE})
+    (entry,) = overview.entries()
+    assert (entry.verbs, entry.why) == (("replace",), "image: y -> x; live.exec: (unset) -> true")
+    assert overview.summary() == "Plan: 1 to replace."
 
 
 def test_waiting_is_said_once():
