@@ -13,14 +13,11 @@ from rorg.cli.differences import Differences, differences, warn_of_other_tree
 from rorg.cli.kinds import Seconds
 from rorg.cli.options import Output, Timeout, TreeDirectory, WaitFor, Yes
 from rorg.cli.output import consent, note, print_rows
-from rorg.cli.published import SETTLED, condition, failure, hopeless, unready
+from rorg.cli.published import PROVEN, READY, SETTLED, UNTRIED, condition, failure, hopeless, unready
 from rorg.errors import NotReady, Refused
 from rorg.model.codes import CONFIRM, IMAGE
 from rorg.model.units import stamp
 from rorg.store.state_dir import SERVER
-
-READY, PROVEN = "ready", "proven"
-"""What --wait waits for: probes have answered, or the bake of every change is over as well."""
 
 if TYPE_CHECKING:
     from rorg.store.requests_document import RequestsDocument
@@ -90,7 +87,7 @@ def bring_about(
         from rorg.cli.local_apply import carry_out
 
         _confirm_here(context, shown)
-        carry_out(context, shown.tree, shown.decision, bool(wait), timeout, empty=shown.empty)
+        carry_out(context, shown, wait, timeout)
     else:
         _through(context, owner, shown, wait, timeout)
 
@@ -149,6 +146,8 @@ def _through(context: Context, owner: dict[str, Any], shown: Differences, wait: 
         return unfinished or (_unproven(view) if wait == PROVEN else "")
 
     context.wait("the running rorg", done, timeout)
+    if wait == PROVEN and (left := _untried(context.live() or {})):
+        note(UNTRIED.format(left))
     if wait == READY and (left := _unproven(context.live() or {})):
         note(f"ready, but {left}; `rorg apply --wait=proven` waits for that")
 
@@ -192,6 +191,13 @@ def _unproven(view: dict[str, Any]) -> str:
     """Why the manifests in force are not known to stay well; empty if they are, or have failed."""
     standing = (view.get("tree") or {}).get("standing") or {}
     return str(standing["reason"]) if standing.get("code") in ("applying", "baking") else ""
+
+
+def _untried(view: dict[str, Any]) -> str:
+    """Why the manifests in force cannot be proven: services that they change are idle; empty otherwise. Waiting does
+    not help, and nothing has failed, so this is no error."""
+    standing = (view.get("tree") or {}).get("standing") or {}
+    return str(standing["reason"]) if standing.get("code") == "untested" else ""
 
 
 def _failed(view: dict[str, Any]) -> str:

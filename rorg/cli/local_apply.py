@@ -6,8 +6,9 @@ import threading
 from typing import Any
 
 from rorg.cli.context import Context
+from rorg.cli.differences import Differences
 from rorg.cli.output import note
-from rorg.cli.published import SETTLED, condition, hopeless
+from rorg.cli.published import PROVEN, SETTLED, UNTRIED, condition, hopeless
 from rorg.cli.terminal import entry
 from rorg.core.decide import Decision
 from rorg.core.dispatch import DispatchLimits
@@ -22,12 +23,13 @@ BULK = 8
 """Parallel engine calls: no rorg serves, so they cannot delay a request."""
 
 
-def carry_out(context: Context, tree: Tree, first: Decision, wait: bool, timeout: float, *, empty: bool) -> None:
-    """Carries out the plan. `first` is the decision of the plan that was shown; if that was `empty`, the tree and the
-    engine are not looked at again. Raises Incomplete."""
+def carry_out(context: Context, shown: Differences, wait: str | None, timeout: float) -> None:
+    """Carries out the plan that was shown; if that is empty, the tree and the engine are not looked at again. Raises
+    Incomplete."""
+    first: Decision = shown.decision
     last, timed_out = first, False
-    if not (empty and _good_or_bad(first)):
-        last, timed_out = _run(context, tree, first, timeout)
+    if not (shown.empty and _good_or_bad(first)):
+        last, timed_out = _run(context, shown.tree, first, timeout)
     context.state.release()
     view = snapshot(last, {})
     failed = hopeless(view, view["services"])
@@ -43,6 +45,9 @@ def carry_out(context: Context, tree: Tree, first: Decision, wait: bool, timeout
             counted(len(late), "service") + " not ready" + (f" after {timeout:g} s" if timed_out else ""),
             "`rorg describe SERVICE`",
         )
+    idle = _idle(last, shown) if wait == PROVEN else []
+    if idle:
+        note(entry("", UNTRIED.format(f"not run since the change: {', '.join(idle)}")))
 
 
 def _run(context: Context, tree: Tree, first: Decision, timeout: float) -> tuple[Decision, bool]:
@@ -111,6 +116,13 @@ def _all_but_baked(decision: Decision) -> bool:
     """Whether only the bake of new containers goes on."""
     waits = any(w.goes_on and w.code != BAKING for w in decision.plan.waitings)
     return not (decision.memory.in_flight or decision.plan.actions or waits)
+
+
+def _idle(decision: Decision, shown: Differences) -> list[str]:
+    """The services that the plan changed and that nothing wants, so that they cannot be proven now."""
+    situation, names = decision.situation, {one["service"] for one in shown.services}
+    updates = {n: situation.memory.of(n).update for n in sorted(names & situation.desired.editions.keys())}
+    return [n for n, update in updates.items() if n not in situation.wanted and update.baked != update.edition]
 
 
 def _late(view: dict[str, Any]) -> dict[str, str]:

@@ -12,6 +12,11 @@ SETTLED = 0.5
 """Seconds that a service without a probe must run before `rorg apply` counts it as well: a service that crashes at its
 start does so within them."""
 
+READY, PROVEN = "ready", "proven"
+"""What `rorg apply --wait` waits for: probes have answered, or the bake of every change is over as well."""
+UNTRIED = "applied, but {}; rorg tries an idle service when something requests it"
+"""What `rorg apply --wait=proven` says of a change that waiting does not prove."""
+
 
 def is_ready(service: dict[str, Any]) -> bool:
     """Whether a service of a view is ready."""

@@ -183,6 +183,19 @@ def test_the_running_rorg_shows_the_probes_of_an_earlier_state(robot):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("running", [True, False], ids=["running", "alone"])
+def test_apply_says_that_an_idle_service_is_not_tried(robot, running):
+    """Waiting for it would never end, and nothing has failed."""
+    if not running:
+        robot.stop()
+    write_tree(robot.tree, {**services("slow", "60"), "spare": {"command": ["sleep", "61"]}})
+    said = rorg(robot, "apply", str(robot.tree), "--yes", "--wait=proven").stderr.splitlines()
+    told = "applied, but not run since the change: spare; rorg tries an idle service when something requests it"
+    assert told in said
+    assert "not run" not in rorg(robot, "apply", str(robot.tree), "--yes", "--wait").stderr
+
+
+@pytest.mark.slow
 def test_apply_refuses_at_once_while_rorg_is_suspended(robot):
     rorg(robot, "suspend", "--for", "10m", "--reason", "maintenance")
     write_tree(robot.tree, services("slow", "61"))
