@@ -16,6 +16,7 @@ from rorg.core.holds import Moment, begin_hold, seconds_left
 from rorg.core.requests import MOST_TOLD, Problem, mistakes, problems
 from rorg.errors import Invalid, Refused, Unconfirmed
 from rorg.model.catalog import Request
+from rorg.model.health import Health
 from rorg.model.units import format_seconds, stamp
 from rorg.store.requests_document import RequestsDocument
 from rorg.store.requests_limits import no_room
@@ -127,7 +128,9 @@ def retry(current: Current, body: RetryBody, now: Moment) -> Change:
     for name in body.services:
         own = [s for s in current.containers_of(name) if memory.of(s.name).update.failed]
         if not own:
-            raise Refused(f"retry {name}", "no change of it failed", "`rorg get` for those of which one did")
+            ill = any(current.statuses[s.name].health is Health.DEGRADED for s in current.containers_of(name))
+            remedy = f"`rorg restart {name}`" if ill else "`rorg get` for those of which one did"
+            raise Refused(f"retry {name}", "no change of it failed", remedy)
         sets = (desired.sets.get(s.update.atomic, ()) if memory.of(s.name).update.drawn else () for s in own)
         services += [*(s.name for s in own), *(m for mates in sets for m in mates if memory.of(m).update.failed)]
     names = tuple(dict.fromkeys(services))

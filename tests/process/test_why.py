@@ -64,3 +64,5 @@ def test_a_program_that_ends_again_and_again_is_not_said_to_fail_to_start(shell)
     begin(shell, arm={"command": ["sh", "-c", "exit 7"]})
     shell("request", "arm")
     wait_for(lambda: any(line.startswith("it waits: ended with exit code 7; again in ") for line in why(shell, "arm")))
+    wait_for(lambda: "rorg restart arm" in shell("retry", "arm", code=5).stderr)
+    assert "rorg get" in shell("retry", "base", code=5).stderr, "nothing is wrong with it"
