@@ -9,7 +9,7 @@ from typing import Any
 from rorg.api.current import Current
 from rorg.core.decide import Decision
 from rorg.core.desired import used_objects
-from rorg.core.overview import Overview
+from rorg.core.overview import Overview, proven_probes
 from rorg.core.plan import Plan
 from rorg.daemon.snapshot import request_json
 from rorg.model.catalog import Catalog, Request
@@ -103,7 +103,7 @@ def images(catalog: Catalog) -> list[dict[str, Any]]:
 def plan_forms(decision: Decision, plan: Plan, unified: bool, before: Catalog | None = None) -> dict[str, Any]:
     """A plan of a decision, in all its forms. `before` are the manifests in force, if these are others."""
     situation, catalog = decision.situation, decision.situation.desired.catalog
-    overview = Overview(situation, plan, before.services if before else {})
+    overview = Overview(situation, plan, before.services if before else proven_probes(situation))
     return {
         "fingerprint": catalog.fingerprint,
         "withheld": sorted(situation.withheld),

@@ -44,10 +44,18 @@ def hopeless(view: dict[str, Any], names: Iterable[str]) -> dict[str, str]:
         over = ready["reason"] in ("Failed", "OutOfMemory") and condition(service, "Reconciling")["status"] == "False"
         updated = condition(service, "Updated")
         if updated["status"] == "False":
-            reasons[name] = f"its change failed ({updated['message']}); it stays as it was"
+            reasons[name] = f"its change failed ({updated['message']}); {_left(service)}"
         elif failed or stalled["status"] == "True" or over:
             reasons[name] = "; ".join(failed) or stalled["message"] or ready["message"] or ready["reason"]
     return reasons
+
+
+def _left(service: dict[str, Any]) -> str:
+    """What is left of a service whose change failed. A container in sync is none to which rorg has gone back: it has a
+    changed file or probe, so it is not as it was even if it runs."""
+    if service["state"] not in ("running", "paused"):
+        return "it does not run"
+    return "it stays as it was" if service["sync"] == "OutOfSync" else "its container goes on"
 
 
 def failure(failed: Mapping[str, str]) -> str:

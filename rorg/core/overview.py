@@ -12,6 +12,7 @@ from rorg.core.diff import Difference, difference
 from rorg.core.observed import Container
 from rorg.core.operations import Create
 from rorg.core.plan import SYMBOLS, Action, Plan
+from rorg.core.probes_in_force import is_as_proven
 from rorg.core.situation import Situation
 from rorg.model.causes import verb_before
 
@@ -85,9 +86,14 @@ class Overview:
             planned[name] = (
                 replace(entry, why=f"{entry.why}; {texts}", changes=(*entry.changes, *changes))
                 if entry
-                else Entry(name, (PROBE,), f"{texts}; probes only, no restart", changes)
+                else Entry(name, (PROBE,), f"{texts}; {self._outcome(name)}", changes)
             )
         return list(planned.values())
+
+    def _outcome(self, name: str) -> str:
+        """Return what becomes of a change of probes alone."""
+        failed = self.situation.memory.of(name).update.failed
+        return f"its change failed ({failed}), so the previous probes stay" if failed else "probes only, no restart"
 
     @cached_property
     def _planned(self) -> list[Entry]:
@@ -165,6 +171,17 @@ class Overview:
             (c, difference(c, service.spec, desired.digests[name], desired.declared[name])) for c in containers
         ]
         return next((f for f in differing if f[1].recreate), next((f for f in differing if f[1].live), None))
+
+
+def proven_probes(situation: Situation) -> dict[str, Probed]:
+    """Return the probes that running containers were proven with, if their manifests have changed since. The declared
+    ones are on trial then, or have failed."""
+    found: dict[str, Probed] = {}
+    for name in situation.desired.editions:
+        update = situation.memory.of(name).update
+        if update.last_good and is_as_proven(update, situation.observed.current(name)):
+            found[name] = update.last_good
+    return found
 
 
 def _verb(action: Action) -> str:

@@ -46,8 +46,7 @@ class Swap:
         self.failed = ""
         """Why the desired edition is not tried again, in words."""
         if self.update.failed:
-            more = f"until it is changed again, or `rorg retry {service.name}`"
-            self.failed = f"its change failed ({self.update.failed}); it stays as it was {more}"
+            self.failed = f"its change failed ({self.update.failed}); {self._left()}"
         self.lost = False
         """Whether nothing may run: what it would go back to is gone, and what failed is not run again."""
         pair = candidate([c for c in (new, *stale) if c], self.update)
@@ -62,6 +61,12 @@ class Swap:
         if self.old is None and rejected and (new is None or new.id == self.update.rejected):
             self.lost, more = True, f"change it again, or `rorg retry {service.name}`"
             self.failed = f"its change failed ({self.update.failed}), and its previous container is gone; {more}"
+
+    def _left(self) -> str:
+        """Return what is left of a service whose change failed, and what to do."""
+        if self.step.exits:  # counted since the change failed
+            return f"its previous container ended, too; change it again, or `rorg retry {self.service.name}`"
+        return f"it stays as it was until it is changed again, or `rorg retry {self.service.name}`"
 
     @property
     def stays(self) -> bool:

@@ -11,6 +11,7 @@ from rorg.core.digest import unreadable
 from rorg.core.idle import risks
 from rorg.core.memory import Memory, Progress
 from rorg.core.observed import Observed
+from rorg.core.probes_in_force import fits
 from rorg.core.requests import MOST_TOLD
 from rorg.core.ros_graph import Takeover
 from rorg.core.service_events import NONE, losses, ready_runs, state_changes
@@ -180,8 +181,11 @@ class Reporter:
                 about = {"service": name, **({"error": step.error} if step.stalled else {})}
                 self.event("stalled" if step.stalled else "recovered", f"{name} is {text}", False, **about)
             if self.is_news(f"update {name}", failed) and failed:
-                back = f"back to the previous container, until it is changed again, or `rorg retry {name}`"
-                text = f"the change of {name} failed: {failed}; {back}"
+                situation, more = decision.situation, f"change it again, or `rorg retry {name}`"
+                # Without another container only a file or a probe changed, and no container comes back.
+                if not all(fits(c, name, situation.desired) for c in situation.observed.of(name)):
+                    more = f"back to the previous container, until it is changed again, or `rorg retry {name}`"
+                text = f"the change of {name} failed: {failed}; {more}"
                 self.event("update-failed", text, service=name, error=failed)
 
     def _pressure(self, decision: Decision) -> None:

@@ -173,6 +173,22 @@ def test_a_change_of_probes_alone_is_a_difference_until_it_is_in_force(robot):
 
 
 @pytest.mark.slow
+def test_the_running_rorg_shows_a_change_of_probes_while_it_is_on_trial(robot):
+    robot.wait(lambda: robot.status()["tree"]["standing"]["code"] == "good")
+    was, ends = services("slow", "60"), {"exec": "false", "timeout": "3s"}
+    write_tree(robot.tree, {**was, "base": {**was["base"], "ready": ends}})
+    line = "~   probe   base  ready.exec: (unset) -> false; "
+    assert rorg(robot, "diff", code=1).stdout.splitlines()[0] == f"{line}probes only, no restart"
+    robot.wait(lambda: robot.loop.running.memory.of("base").update.failed)
+    failed = f"{line}its change failed (not ready within 3 s: exec false exits 1), so the previous probes stay"
+    assert rorg(robot, "diff", code=1).stdout.splitlines()[0] == failed
+    robot.wait(lambda: any("the change of base failed" in line for line in robot.lines))
+    told = next(line for line in robot.lines if "the change of base failed" in line)
+    assert told.endswith("; change it again, or `rorg retry base`"), "its container did not change"
+    assert "its container goes on" in rorg(robot, "apply", str(robot.tree), "--yes", "--wait", code=4).stderr
+
+
+@pytest.mark.slow
 def test_the_running_rorg_shows_the_probes_of_an_earlier_state(robot):
     repository = Repository(robot.tree)
     first = repository.commit("First")
