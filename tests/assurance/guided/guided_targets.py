@@ -202,7 +202,7 @@ class Units(Imports):
 
 ROWS = {
     "revision": (1, "2026-01-01T00:00:00.000000Z", "f", "abc", "a", "s", 0, "r", "good", "", "2026", "{}", "[]", ""),
-    "verdict": ("cam", "e", "proven", "", "2026-01-01T00:00:00.000000Z"),
+    "verdict": ("cam", "e", "proven", "", "2026-01-01T00:00:00.000000Z", "2026-01-01T00:00:00.000000Z"),
     "made": ("cam", 1, None, "d", "image", "id", "e"),
     "spec": ("d", '{"image": "x"}'),
     "run": ("cam", "{}"),
