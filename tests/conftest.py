@@ -73,6 +73,13 @@ def pytest_configure(config):
         config.pluginmanager.register(workers, parallel.Workers.__name__)
 
 
+def pytest_unconfigure(config):
+    """Lets a worker that has run its tests end in peace: xdist interrupts one that needs more than five seconds for
+    that, as on a busy machine, which prints a warning."""
+    if parallel.is_worker(config):
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
 @pytest.fixture(scope="session")
 def dockerd() -> Iterator[Dockerd]:
     """A private daemon when one can be started, else an engine that answers, else a loud skip."""
