@@ -104,6 +104,8 @@ def together(watch: Watch, name: str, action: Action) -> None:
     joined, shared = joined_of(run.joined).values(), namespaces(desired.catalog.services[name], run)
     if any(id not in found or (id in shared and not found[id].alive) for id in joined):
         return  # what it is joined to is gone or over: it cannot go on as it is, nor be gone back to
+    if name in robot.bad_probes and stopped.id not in watch.good:
+        return  # it ends again and again as it is, and is changed alone
     members = {*desired.sets.get(desired.catalog.services[name].update.atomic, ())}
     if run.previous in found and any(robot.memory.of(m).update.failed for m in members):
         return  # the change of one has failed, and the others go back too
