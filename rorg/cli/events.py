@@ -8,8 +8,8 @@ from typing import Annotated, Any
 import typer
 
 from rorg.cli.context import Context
-from rorg.cli.kinds import moment, service_name, words
-from rorg.cli.names import complete_services
+from rorg.cli.kinds import event_kinds, moment, service_name, words
+from rorg.cli.names import complete_event_kinds, complete_services
 from rorg.cli.options import Output, Robot
 from rorg.cli.output import as_json, echo, end_with_reader
 from rorg.cli.terminal import entry, printable
@@ -33,7 +33,15 @@ Services = Annotated[
 Tail = Annotated[
     int | None, typer.Option(help="Number of entries, the last ones. Default: 20, or all with --since.", min=0)
 ]
-Kind = Annotated[str, typer.Option(help="Only these kinds: crashed,failed (-o wide shows them).", metavar="KINDS")]
+Kind = Annotated[
+    str,
+    typer.Option(
+        help="Only these kinds: crashed,failed (-o wide shows them).",
+        metavar="KINDS",
+        parser=event_kinds,
+        autocompletion=complete_event_kinds,
+    ),
+]
 
 
 def command(

@@ -13,6 +13,7 @@ import typer
 from typer._click.shell_completion import CompletionItem
 from typer.models import TyperPath
 
+from rorg.model.event_kinds import EVENT_KINDS
 from rorg.model.units import format_seconds, parse_duration, parse_since, stamp
 
 KINDS = {
@@ -97,6 +98,14 @@ def moment(text: str) -> str:
 def service_name(text: str) -> str:
     """The name of a service, without its kind in front."""
     return SERVICE.sub("", text)
+
+
+def event_kinds(text: str) -> str:
+    """Kinds of events in a list with commas."""
+    unknown = [word for word in words(text) if word not in EVENT_KINDS]
+    if unknown:
+        raise typer.BadParameter(f"no event has the kind '{unknown[0]}'; the kinds are {', '.join(EVENT_KINDS)}")
+    return text
 
 
 def words(text: str) -> list[str]:

@@ -36,7 +36,8 @@ restart; restart a b; restart arm --timeout soon; restart --yes; retry; retry --
 hold; hold arm --for; hold arm --for ten; hold arm --for 10x; hold arm --for ''; hold --for 10m; hold arm --until 5
 suspend arm; suspend --for; suspend --for never; suspend --ende; wait --timeout; wait arm --timeout soon; down now
 down --timeout x; down --keep; events --tail; events --tail x; events --tail -1; events --tail 1.5
-events -n 3; events --since soon; events --until 10x; events --kind; history -n 0; history -n 1001; history -n x
+events -n 3; events --since soon; events --until 10x; events --kind; events --kind bogus
+history -n 0; history -n 1001; history -n x
 trace; trace show a b; trace generate --seed x; trace generate --duration soon; trace record --since soon
 timeline; timeline a b; timeline arm --since soon; timeline arm -n -1
 fit --margin much; fit --margin 200%; fit --since soon
