@@ -9,7 +9,7 @@ from typing import Annotated, Any, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from rorg.errors import Invalid
-from rorg.model.catalog import Request
+from rorg.model.catalog import HIGHEST_PRIORITY, Request
 from rorg.model.units import parse_duration, parse_lease, parse_since, stamp
 
 M = TypeVar("M", bound=BaseModel)
@@ -81,7 +81,7 @@ class PutRequest(Body):
 
     services: Annotated[list[ServiceName], Field(min_length=1, max_length=300)]
     reason: Short = ""
-    priority: Annotated[int, Field(ge=0, le=100)] | None = None
+    priority: Annotated[int, Field(ge=0, le=HIGHEST_PRIORITY)] | None = None
     ttl: Annotated[str, Field(max_length=20)] | None = Field(default=None, description="Lease, such as 10s.")
 
 

@@ -23,7 +23,7 @@ from rorg.core.consequences import Consequences, Effect, consequences
 from rorg.core.inputs import Inputs
 from rorg.errors import Invalid, Refused, Unconfirmed
 from rorg.host.clock import moment
-from rorg.model.catalog import Catalog
+from rorg.model.catalog import HIGHEST_PRIORITY, Catalog
 from rorg.store.requests_document import RequestsDocument
 
 Operation = Literal["request", "release", "restart", "hold", "unhold", "suspend", "unsuspend", "retry"]
@@ -41,7 +41,7 @@ class PreviewBody(Body):
         default=[], description="Services and groups; none for `release`, `suspend` and `unsuspend`."
     )
     id: Annotated[str, Field(max_length=64)] = Field(default="preview", description="Of the request.")
-    priority: Annotated[int, Field(ge=0, le=100)] | None = None
+    priority: Annotated[int, Field(ge=0, le=HIGHEST_PRIORITY)] | None = None
     duration: Annotated[str, Field(max_length=20)] = Field(
         default="10m", description="Of `hold` and `suspend`, such as 10m."
     )

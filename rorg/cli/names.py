@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from rorg.cli.kinds import KINDS
+from rorg.model.event_kinds import EVENT_KINDS
 
 if TYPE_CHECKING:
     from rorg.cli.context import Context
@@ -27,8 +28,9 @@ KIND = re.compile(r"^kind:\s*(\w+)", re.MULTILINE)
 
 
 def complete_services(ctx: typer.Context, incomplete: str) -> list[str]:
-    """Names of services and groups."""
-    return _completions(ctx, "service", incomplete)
+    """Names of services and groups; only people make requests as developer, so nobody requests it."""
+    names = _completions(ctx, "service", incomplete)
+    return [n for n in names if n != "developer" or ctx.info_name != "request"]
 
 
 def complete_groups(ctx: typer.Context, incomplete: str) -> list[str]:
@@ -51,6 +53,12 @@ def complete_kinds_and_names(ctx: typer.Context, incomplete: str) -> list[str]:
     first = next(_typed(ctx), "")
     kind = next((kind for kind, words in KINDS.items() if first in words), "service")
     return _completions(ctx, kind, incomplete)
+
+
+def complete_event_kinds(incomplete: str) -> list[str]:
+    """Kinds of events; the list may have several, with commas."""
+    begun, comma, last = incomplete.rpartition(",")
+    return [f"{begun}{comma}{kind}" for kind in EVENT_KINDS if kind.startswith(last) and kind not in begun.split(",")]
 
 
 def complete_commands(incomplete: str) -> list[tuple[str, str]]:

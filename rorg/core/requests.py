@@ -15,7 +15,7 @@ from rorg.core.changes import updated
 from rorg.core.memory import Due, Lease, Memory
 from rorg.core.observed import Container, Observed
 from rorg.core.wanted import wanted
-from rorg.model.catalog import Catalog, Request
+from rorg.model.catalog import DEVELOPER, Catalog, Request
 from rorg.model.diagnostics import nearest
 from rorg.model.graph import closure, conflicting, overbooked
 from rorg.model.units import format_seconds
@@ -185,6 +185,9 @@ def mistakes(catalog: Catalog, new: Request) -> list[Problem]:
         mistakes_found.append(Problem(ProblemCode.UNKNOWN, cause, nearest(new.requester, catalog.services)))
     if not new.services:
         mistakes_found.append(Problem(ProblemCode.EMPTY, "it names no service", "`rorg release` to give a request up"))
+    if DEVELOPER in new.services:
+        cause = f"'{DEVELOPER}' stands for the people who make requests, and runs nothing"
+        mistakes_found.append(Problem(ProblemCode.UNKNOWN, cause, "`rorg get` for the services"))
     known = {*catalog.services, *catalog.groups}
     unknown = [name for name in new.services if name not in known]
     for name in unknown[:MOST_TOLD]:

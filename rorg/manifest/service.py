@@ -15,9 +15,10 @@ from rorg.manifest.option_forms import Memory, Name, Strict, Words, one_or_many
 from rorg.manifest.policy import Idle, Units, Update
 from rorg.manifest.probes import Interlock, Live, Ready
 from rorg.manifest.ros import Ros
+from rorg.model.catalog import HIGHEST_PRIORITY
 from rorg.model.units import NAME
 
-Priority = Annotated[int, Field(ge=0, le=100)]
+Priority = Annotated[int, Field(ge=0, le=HIGHEST_PRIORITY)]
 
 
 class Resources(Strict):

@@ -21,6 +21,9 @@ DEVELOPER = "developer"
 EVERY = "*"
 """In `may_act_for`: every service, except developer."""
 
+HIGHEST_PRIORITY = 100
+"""Of a service or request; the lowest is 0."""
+
 SHORTEST_SECRET = 6
 """Minimum number of characters of a secret that is masked in texts; a shorter one occurs in any text."""
 

@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 
 from rorg.manifest.yaml_source import Document, Path, read_yaml
-from rorg.model.catalog import Hold, Request
+from rorg.model.catalog import HIGHEST_PRIORITY, Hold, Request
 from rorg.model.diagnostics import Diagnostic, nearest
 from rorg.model.units import format_duration, parse_duration, parse_lease, parse_time, stamp
 from rorg.store.requests_document import RequestsDocument
@@ -175,8 +175,8 @@ class _Reader:
             if not isinstance(entry.get(key, ""), str | None):
                 self.error((*path, key), f"'{key}' must be text", "quotes around it")
         ttl, priority = self.ttl(path, entry.get("ttl")), entry.get("priority")
-        if priority is not None and (isinstance(priority, bool) or not isinstance(priority, int)):
-            self.error((*path, "priority"), "'priority' must be a whole number")
+        if priority is not None and not (type(priority) is int and 0 <= priority <= HIGHEST_PRIORITY):
+            self.error((*path, "priority"), f"'priority' must be a whole number from 0 to {HIGHEST_PRIORITY}")
         if len(self.diagnostics) > before:
             return None
         return Request(

@@ -22,6 +22,10 @@ from rorg.cli.names import declared
 OFFERED = [
     ("why ", {"base", "developer", "driving", "navigation", "roscore", "spare"}),
     ("why n", {"navigation"}),
+    ("request d", {"driving"}),
+    ("events --kind image", {"image-failed", "image-ready"}),
+    ("events --kind crashed,un", {"crashed,unknown-service", "crashed,unplugged"}),
+    ("events --kind=unpl", {"--kind=unplugged"}),
     ("request base nav", {"navigation"}),
     ("request base driving b", set()),
     ("hold --for 10m base s", {"spare"}),
@@ -126,7 +130,7 @@ def test_bash_itself_completes(robot, tmp_path):  # noqa: F811
     )
     lines = done.stdout.splitlines()
     assert lines[0] == "navigation", done.stderr
-    assert set(lines[1].split()) == {"developer", "driving", "navigation", "roscore", "spare"}
+    assert set(lines[1].split()) == {"driving", "navigation", "roscore", "spare"}
     assert lines[2:] == ["process", "why"]
 
 

@@ -285,6 +285,9 @@ def test_while_nothing_is_known_of_what_was_asked_nothing_is_changed(stepped):
         "suspended: {until: {}}",
         "requests: [{id: x, services: [camera], ttl: 1e300s}]",
         "holds: 5",
+        "requests: [{id: x, services: [camera], priority: 101}]",
+        "requests: [{id: x, services: [camera], priority: -1}]",
+        "requests: [{id: x, services: [camera], priority: true}]",
         "restarts: [camera]",
     ],
 )

@@ -151,6 +151,8 @@ def codes(found: list[Problem]) -> list[str]:
 def test_a_mistaken_request_is_refused_with_everything_that_is_wrong():
     assert mistakes(CATALOG, LOOK) == mistakes(CATALOG, replace(LOOK, services=("eyes",))) == []
     assert codes(mistakes(CATALOG, Request("x", "misson", ()))) == ["unknown", "empty"]
+    (found,) = mistakes(CATALOG, Request("x", DEVELOPER, ("camera", DEVELOPER)))
+    assert (found.code, found.remedy) == ("unknown", "`rorg get` for the services")
     first, second = mistakes(CATALOG, Request("x", DEVELOPER, ("camra", "lidr")))
     assert (first.cause, second.cause) == ("unknown service 'camra'", "unknown service 'lidr'")
     assert "camera" in first.remedy
