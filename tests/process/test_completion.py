@@ -150,7 +150,7 @@ def test_fish_itself_completes(robot, tmp_path):  # noqa: F811
     found = [{w.split("\t")[0] for w in part.split("\n")} - {""} for part in done.stdout.split("-- 0\n")]
     assert found == [
         {"navigation"},
-        {"developer", "driving", "navigation", "roscore", "spare"},
+        {"driving", "navigation", "roscore", "spare"},
         {"--engine=process"},
         {"--wait"},
         {"folder/"},
