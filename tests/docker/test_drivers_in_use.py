@@ -102,11 +102,12 @@ def test_a_rollback_confirms_it(robot):
 
 @pytest.mark.slow
 def test_one_that_fails_is_mended_without_a_question(robot):
-    """It does not become ready with its new probe."""
-    probe = {"ready": {"log": "^up", "timeout": "2s"}}
-    robot.commit(**probe)
-    robot.wait(lambda: not robot.loop.decision.memory.of("wheels").ready)
-    mended = robot.commit(**probe, command=["sh", "-c", f"echo up; exec {shlex.join(WORK)}"])
+    """Its program has ended again and again, and waits for its next start."""
+    for ends in range(1, 5):
+        robot.wait(lambda: "wheels" in robot.active())
+        robot.kill("wheels")
+        robot.wait(lambda n=ends: robot.loop.decision.memory.of("wheels").exits == n)
+    mended = robot.commit(command=["sh", "-c", f"echo up; exec {shlex.join(WORK)}"])
     robot.moves_on()
     stands(robot, mended, "good")
 
