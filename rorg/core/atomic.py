@@ -87,8 +87,7 @@ class _Judge:
         containers, wanted = self.observed.of(name), name in self.wanted
         pair = candidate(containers, update)
         if pair and fits(pair[0], name, self.desired):
-            well = update.baked == update.edition and update.well == pair[0].id
-            return _Changing(name, wanted, pair[0].id, well)
+            return _Changing(name, wanted, pair[0].id, update.is_proven(pair[0].id))
         new = next((c for c in containers if fits(c, name, self.desired)), None)
         if not containers or (new and not containers[0].alive) or new is containers[0]:
             return None

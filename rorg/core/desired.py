@@ -137,11 +137,11 @@ def _grouped(pairs: Iterable[tuple[str, str]]) -> dict[str, tuple[str, ...]]:
 def _probes(service: Service) -> dict[str, Any]:
     """Return what defines readiness in an edition. The key `live` is left out if there is no such probe, so that
     editions written before `live` existed stay the same."""
-    live = {"live": _probe_fields(service.live)} if service.live else {}
-    return {"ready": service.ready and _probe_fields(service.ready), **live}
+    live = {"live": _edition_fields(service.live)} if service.live else {}
+    return {"ready": service.ready and _edition_fields(service.ready), **live}
 
 
-def _probe_fields(probe: Probe) -> dict[str, Any]:
+def _edition_fields(probe: Probe) -> dict[str, Any]:
     """Return the fields of a probe for an edition, in the form of earlier versions of rorg, so that services proven
     then need not be proven again: `graph` is called `master`, and `parts` is left out if empty."""
     named = {"master" if name == "graph" else name: value for name, value in _shallow(probe).items()}
@@ -149,7 +149,7 @@ def _probe_fields(probe: Probe) -> dict[str, Any]:
 
 
 def _all_fields(part: Probe) -> dict[str, Any]:
-    return {**_probe_fields(part), "parts": ()}
+    return {**_edition_fields(part), "parts": ()}
 
 
 def _shallow(probe: Probe) -> dict[str, Any]:

@@ -109,7 +109,7 @@ def _gate(view: View, service: Service, step: Step) -> Passage:
         return (), Waiting(name, view.s.measures.closed)
     if isinstance(operation, Create) and service.joins:
         return _join(view, service)
-    if operation.begins or (swap and name in view.s.wanted):
+    if operation.begins or (swap and name in view.s.wanted and not _hangs(view, name)):
         passage = _start(view, service, step)  # what runs goes on until its replacement can begin
         return _parameters(view, service) if isinstance(operation, Start) and passage == FREE else passage
     if operation.ends and name not in view.s.wanted:
@@ -141,6 +141,12 @@ def _back_off(view: View, name: str, operation: Operation) -> Waiting | None:
 def _next_try(failure: str, at: float) -> Timed:
     """Return a failure and when its operation is tried again. A reader may see it after that time."""
     return Timed(f"{failure}; again in ", at, due=f"{failure}; trying again now")
+
+
+def _hangs(view: View, name: str) -> bool:
+    """Return whether the current run does not answer any more, so that it ends before its replacement can begin."""
+    current = view.current(name)
+    return current is not None and current.incarnation == view.s.memory.of(name).hung
 
 
 def _ends_anyway(view: View, service: Service) -> bool:

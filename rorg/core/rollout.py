@@ -123,6 +123,7 @@ def _judged(progress: Progress, service: Service, desired: Desired, evidence: Ev
     progress = _awaiting(progress, verdict.since)
     if verdict.passed:
         progress = _baked(progress, service, new, desired)
+        progress = replace(progress, update=progress.update.accepting(new.id))
         # In a set, none is proven before all are (see atomic.py).
         together = service.update.atomic in desired.sets
         return progress if together else replace(progress, update=replace(progress.update, proven=new.id))
@@ -138,7 +139,7 @@ def _judged_alone(
     is tried with them; if it does not answer in time, the change has failed. One that was never proven is then no
     longer ready."""
     update = progress.update
-    if update.baked == update.edition or update.failed or not fits(current, service.name, desired):
+    if update.is_proven(current.id) or update.failed or not fits(current, service.name, desired):
         return _awaiting(progress, None)
     if is_live_untried(service, update, current) and denies_life(progress, service, evidence.live):
         message = evidence.live.message if evidence.live else ""
@@ -149,6 +150,8 @@ def _judged_alone(
         return _baked(progress, service, current, desired)
     if not verdict.error or progress.running_since is None or progress.hung == progress.incarnation:
         return progress
+    if update.baked == update.edition:
+        return progress  # an earlier container has shown that the change is good
     if is_ready_untried(service, update, current):
         return replace(failed(progress, verdict.error, evidence.now), probe="")
     if is_as_proven(update, current):
@@ -229,9 +232,9 @@ def _not_ready(service: Service, said: str) -> str:
 
 
 def _baked(progress: Progress, service: Service, current: Container, desired: Desired) -> Progress:
-    """Note that the edition has stayed well."""
+    """Note that the edition has stayed well in this container. An earlier container may have shown it before."""
     update, name = progress.update, service.name
-    if update.baked == update.edition or not fits(current, name, desired):
+    if update.is_proven(current.id) or not fits(current, name, desired):
         return progress
     if service.on_change != "none" and update.changed_content(current, desired.contents.get(name, {})):
         return progress  # this run has not read the present content

@@ -115,7 +115,8 @@ def times_of(situation: Situation, name: str, planned: Planned) -> tuple[float, 
     delay = service.ready.delay if service and service.ready else None
     if delay is not None and progress.running_since is not None and not progress.ready:
         times.append(progress.running_since + delay)
-    unproven = progress.update.baked != progress.update.edition
+    current = situation.observed.current(name)
+    unproven = current is not None and not progress.update.is_proven(current.id)
     if service and (unproven or not progress.ready) and (late_at := is_late_at(progress, service)) is not None:
         times.append(late_at)
     if service and (mended_at := mended_from(progress, service)) is not None:

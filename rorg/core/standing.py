@@ -7,7 +7,7 @@ not load.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from rorg.core.decide import Decision
 from rorg.core.plan import Action, Plan
@@ -30,19 +30,20 @@ class Standing:
     - good: everything that it changed, and everything that is wanted, has run and stayed well;
     - failed: a service does not come up as declared, or ends again and again.
 
-    `reason` is for people; "" for good.
+    `reason` is for people; "" for good. `failing`: the services because of which it failed.
     """
 
     code: str
     reason: str = ""
+    failing: frozenset[str] = field(default=frozenset(), compare=False)
 
 
-def standing(decision: Decision, before: Standing | None = None, changed: Collection[str] | None = None) -> Standing:
+def standing(decision: Decision, before: Standing | None = None, changed: Collection[str] = ()) -> Standing:
     """Return the standing of the manifests in force.
 
     - `before`: their standing until now. A good revision stays good until a service fails. A failed one stays failed
       until everything has been proven: a release of a service, or a restart of rorg, repairs nothing.
-    - `changed`: services that differ from the last good state of the manifests; None if there is none on record.
+    - `changed`: services that differ from the last good state of the manifests, or from the oldest on record.
 
     A failure counts immediately, not only after its change was undone. While an action is under way nothing else is
     checked, so this costs nothing while a robot starts.
@@ -83,14 +84,13 @@ def _baking(situation: Situation, names: Sequence[str]) -> Standing:
     return Standing(BAKING, f"{watched}: {', '.join(names)}")
 
 
-def _untested(situation: Situation, changed: Collection[str] | None) -> Standing | None:
-    """Return that changed services have not run since; None if all have."""
+def _untested(situation: Situation, changed: Collection[str]) -> Standing | None:
+    """Return that changed services have not run since, or that none has ever run; None if they have."""
     names = situation.desired.editions.keys()
-    if changed is None:
-        unproven = names and not any(_baked(situation, n) for n in names)
-        return Standing(UNTESTED, "no service has run yet") if unproven else None
-    idle = [n for n in names if n in changed and not _baked(situation, n)]
-    return Standing(UNTESTED, f"not run since the change: {', '.join(idle)}") if idle else None
+    untried = [n for n in names if not _baked(situation, n)]
+    if idle := [n for n in untried if n in changed]:
+        return Standing(UNTESTED, f"not run since the change: {', '.join(idle)}")
+    return Standing(UNTESTED, "no service has run yet") if names and len(untried) == len(names) else None
 
 
 def _first_of_tree(actions: Iterable[Action]) -> str:
@@ -109,7 +109,7 @@ def _baked(situation: Situation, name: str) -> bool:
 
 
 def _failure(failures: Mapping[str, str]) -> Standing:
-    return Standing(FAILED, "; ".join(map(str, causes(failures.items()))))
+    return Standing(FAILED, "; ".join(map(str, causes(failures.items()))), frozenset(failures))
 
 
 def _known_failures(situation: Situation) -> dict[str, str]:

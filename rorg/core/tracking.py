@@ -146,11 +146,12 @@ def _changes_at(progress: Progress, service: Service, evidence: Evidence, desire
         return inf
     if progress.exits:  # a stable run forgets them
         return -inf
-    if evidence.wanted and progress.update.baked != progress.update.edition:
+    current = evidence.observed.current(service.name)
+    if evidence.wanted and current is not None and not progress.update.is_proven(current.id):
         over = bake_ends_at(progress, service)
         return -inf if over is None else over
     if evidence.wanted and (mended_at := mended_from(progress, service)) is not None:
         return mended_at
-    service = with_probes_in_force(service, progress.update, evidence.observed.current(service.name), desired)
+    service = with_probes_in_force(service, progress.update, current, desired)
     by_time = service.ready is not None and service.ready.delay is not None
     return -inf if by_time and not progress.ready else inf

@@ -82,6 +82,15 @@ class Update:
         last = list(self._others().items())[-(MOST - 1) :]
         return replace(self, quarantined={**dict(last), self.edition: error}, failed_at=now)
 
+    def is_proven(self, container: str) -> bool:
+        """Return whether the desired edition has stayed well in this container."""
+        return (self.baked, self.well) == (self.edition, container)
+
+    def accepting(self, container: str) -> Update:
+        """Return the update with a container that stayed well no longer rejected: it failed with an earlier probe or
+        file."""
+        return replace(self, rejected="") if self.rejected == container else self
+
     @property
     def broken(self) -> str:
         """Why the desired edition counts as failed although rorg goes on starting it; "" if it does not."""

@@ -43,8 +43,8 @@ class Historian:
         """The standing of the manifests in force, as of the last pass; None before it is known."""
         self._revision: Revision | None = None
         """The revision in force."""
-        self._changed: frozenset[str] | None = None
-        """Its services that differ from the last good revision; None if there is none on record."""
+        self._changed: frozenset[str] = frozenset()
+        """Its services that differ from the last good revision."""
         self._imageless: set[str] = set()
         """Its services whose image id is not known yet."""
         self._looked = False
@@ -131,13 +131,12 @@ class Historian:
         self._note_images(decision, revision.number)
         before = Standing(revision.standing, revision.reason)
         self.standing = verdict = standing(decision, before, self._changed)
-        failing = failing_services(decision) if verdict.code == FAILED else frozenset()
         if verdict.code != before.code:
-            self._revision = self._settle(revision, verdict, failing)
-        elif failing - self._failing and verdict != before:
-            self._revision = self._revise(revision, verdict, failing)
-        self._failing |= failing
-        if failing:
+            self._revision = self._settle(revision, verdict, verdict.failing)
+        elif verdict.failing - self._failing and verdict != before:
+            self._revision = self._revise(revision, verdict, verdict.failing)
+        self._failing |= verdict.failing
+        if verdict.failing:
             # No run shows that these editions fail, because nothing of them runs.
             held_up = decision.plan.reasons(NO_IMAGE, BLOCKED)
             editions = decision.situation.desired.editions
@@ -184,13 +183,13 @@ class Historian:
         self._imageless = {name for name, made in known.items() if not made.image_id}
         self._changed = self._changed_since_good()
 
-    def _changed_since_good(self) -> frozenset[str] | None:
+    def _changed_since_good(self) -> frozenset[str]:
         """The services of the revision in force that differ from the last good one, or from the oldest one on record if
         none was good."""
         revision = self._revision
         base = self.revisions.last(GOOD) or self.revisions.oldest()
         if revision is None or base is None or base.number >= revision.number:
-            return None
+            return frozenset()
         then = base.services
         return frozenset(n for n, m in revision.services.items() if n not in then or then[n].edition != m.edition)
 
@@ -265,13 +264,6 @@ def verdicts(name: str, update: Update) -> list[Verdict]:
     failures = [Verdict(name, edition, FAILS, why) for edition, why in update.failures.items()]
     proven = update.baked and update.baked not in update.failures
     return [*failures, *([Verdict(name, update.baked, PROVEN)] if proven else [])]
-
-
-def failing_services(decision: Decision) -> frozenset[str]:
-    """The services that make the manifests in force fail, as core.standing finds them."""
-    updates = ((name, decision.situation.memory.of(name).update) for name in decision.situation.desired.editions)
-    failing = frozenset(name for name, update in updates if update.failed or update.broken)
-    return failing or frozenset(decision.plan.reasons(NO_IMAGE, BLOCKED))
 
 
 def _of_meta(requests: Iterable[Request], catalog: Catalog) -> list[Request]:

@@ -16,6 +16,7 @@ from rorg.core.observed import Observed
 from rorg.core.plan import Action, Plan, Timed
 from rorg.core.pressure import MEASURES
 from rorg.core.status import Statuses
+from rorg.core.wanted import Wanted, wanted_by
 from rorg.daemon.tree import Tree
 from rorg.model.catalog import Request
 from rorg.model.units import stamp
@@ -32,7 +33,7 @@ def about_tree(tree: Tree, requests: RequestsFile) -> dict[str, Any]:
             "revision": tree.revision,
             "robot": tree.robot,
             "git": _git(tree),
-            "standing": asdict(tree.standing) if tree.standing else None,
+            "standing": tree.standing and {"code": tree.standing.code, "reason": tree.standing.reason},
             "errors": [d.as_json() for d in tree.errors],
             "warnings": [d.as_json() for d in tree.warnings],
         },
@@ -96,6 +97,8 @@ class Snapshots:
                 self._stale.update(decision.planned.replanned)
                 for was, out in zip(_out(before), _out(decision), strict=True):
                     self._stale.update(n for n in {*was, *out} if was.get(n) != out.get(n))
+                old, new = before.situation, decision.situation
+                self._stale |= _wanted_anew(old.wanted, new.wanted) | _wanted_anew(old.asked, new.asked)
 
     def text(self, about: dict[str, Any]) -> str:
         """The text of the decision that was noted last."""
@@ -154,6 +157,14 @@ def _out(decision: Decision) -> tuple[Mapping[str, Any], ...]:
     """What is shown of services that are held or preempted: the reasons, the rivals, and who asked for them."""
     situation = decision.situation
     return decision.holds, situation.preempted, situation.rivals, situation.asked
+
+
+def _wanted_anew(was: Wanted, now: Wanted) -> set[str]:
+    """Return the services whose chain of reasons, up to a root, may be another one than before."""
+    if was is now:
+        return set()
+    changed = {n for n in {*was, *now} if was.get(n) != now.get(n)}
+    return changed | wanted_by(now, changed)
 
 
 def _joined(texts: Iterable[str]) -> str:

@@ -135,7 +135,7 @@ def no_new_probe_ends_what_was_proven(watch: Watch) -> None:
     step = watch.robot.memory.of(name)
     if isinstance(action.operation, Stop) and action.operation.incarnation == step.hung and step.hung:
         proven = action.operation.container == step.update.well and step.update.baked != step.update.edition
-        runs = any(c.incarnation == step.hung and c.alive for c in watch.robot.engine.list())
+        runs = any(c.incarnation == step.hung and c.state == "running" for c in watch.robot.engine.list())
         assert not (proven and runs) or step.hung in watch.robot.hung, f"{name} answers what it was proven with"
 
 

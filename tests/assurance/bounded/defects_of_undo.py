@@ -96,8 +96,8 @@ DEFECTS_OF_UNDO = (
     Defect(
         "what was never tried is good",
         "core/standing.py",
-        "    idle = [n for n in names if n in changed and not _baked(situation, n)]\n",
-        "    idle = [n for n in names if n in () and not _baked(situation, n)]\n",
+        "    if idle := [n for n in untried if n in changed]:\n",
+        "    if idle := [n for n in untried if n in ()]:\n",
         (TRUST, NEVER),
         walk=walk(OTHER, (("spoil", 0), REST), services=2),
     ),

@@ -66,11 +66,14 @@ def nothing_waits_for_itself(watch: Watch) -> None:
 
 @at("rest")
 def what_does_not_answer_is_not_ready(watch: Watch) -> None:
-    """Nobody relies on a service that never answered its `ready` probe, unless it was proven with another one."""
+    """Nobody relies on a service that never answered its `ready` probe, unless it was proven with another one, or
+    answered an earlier one and its change waits."""
     if (robot := walker(watch)) is None:
         return
     deaf = {n for i, n in enumerate(robot.world.names) if robot.edits.probes[i] == "ready"} & unanswered(watch)
-    ready = {name for name in deaf if robot.memory.of(name).ready}
+    deaf = {name for name in deaf if robot.memory.of(name).ready}
+    digests = robot.desired.digests
+    ready = deaf - {c.service for c in robot.engine.list() if c.alive and c.digest != digests.get(c.service)}
     assert not ready, f"ready without an answer: {ready}"
 
 

@@ -37,7 +37,8 @@ def loops(watch: Watch) -> set[str]:
     there = {one.id for one in robot.engine.objects.values()}
     # Nobody can go back to a container whose network somebody has taken away.
     able = [c for c in robot.engine.list() if {*c.networks.values()} <= there]
-    well = {c.service for c in able if c.digest not in robot.faults.bad and not ended(watch, c)}
+    ran = (c for c in able if c.started_at)
+    well = {c.service for c in ran if c.digest not in robot.faults.bad and not ended(watch, c)}
     failed = {n for n in robot.desired.digests if robot.memory.of(n).update.failed}
     return closure_of(robot.desired.catalog, ((bad(watch) | failed) - well) | robot.bad_files | unanswered(watch))
 

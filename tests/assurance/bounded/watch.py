@@ -209,6 +209,7 @@ class Watch:
             elif (
                 container.state == "running"
                 and step.incarnation == container.incarnation
+                and container.service not in self.robot.memory.in_flight  # so rorg does not judge it yet
                 and container.digest == desired.digests.get(container.service)
                 and step.update.baked == step.update.edition != ""
                 and self._stayed_well(container.service)
@@ -243,8 +244,10 @@ class Watch:
         self.leased, self.life = found, life
 
     def _note_unwanted(self) -> None:
-        wanted = self.robot.decision.situation.wanted
-        self.unwanted = {n: self.unwanted.get(n, self.robot.now) for n in self.services if n not in wanted}
+        situation = self.robot.decision.situation
+        if situation.observed.complete:  # what is wanted only while the engine is silent never began
+            wanted = situation.wanted
+            self.unwanted = {n: self.unwanted.get(n, self.robot.now) for n in self.services if n not in wanted}
         self._note_quarantined()
 
     def _note_quarantined(self) -> None:

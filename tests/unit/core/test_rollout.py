@@ -144,7 +144,7 @@ def test_its_live_probe_must_answer_too():
         ({}, base(), {"busy": True}),
         ({}, base(), {"unplugged": True}),
         ({"update": replace(EDITION, drawn="arm failed")}, base(), {}),
-        ({"update": replace(EDITION, baked="now")}, base(), {}),
+        ({"update": replace(EDITION, baked="now", well="a" * 64)}, base(), {}),
         ({}, base(digest="another"), {}),
         ({"doubted_since": 95.0}, base(), {}),
         ({"running_since": None}, base(), {}),
@@ -314,6 +314,27 @@ def test_a_trial_that_stays_well_is_proven():
     assert changes(WELL, replace(NEW, digest="another"), OLD) == another, "the manifest has changed again"
     assert changes(replace(WELL, exited=RUN, error="bad"), NEW, OLD)["update"].proven == NEW.id
     assert changes(WELL, NEW, replace(OLD, start_number=1, state="running")) == {}, "the previous one came back"
+
+
+def test_another_container_of_what_was_proven_is_what_to_go_back_to_once_it_has_stayed_well():
+    """Somebody removed the one that was proven."""
+    before = replace(WELL, update=replace(EDITION, baked="now", well="c" * 64))
+    assert changes(before, base()) == baked()
+    on_trial = changes(before, base(previous=OLD.id), OLD)["update"]
+    assert (on_trial.well, on_trial.proven) == ("a" * 64, "a" * 64)
+    late = replace(STARTING, update=before.update)
+    assert changes(late, base(), service=PROBED, now=500.0, looked=500.0, ready=said(False, at=500.0)) == {}
+
+
+def test_what_failed_with_an_earlier_probe_and_then_stayed_well_is_rejected_no_longer():
+    before = replace(WELL, update=replace(EDITION, rejected="a" * 64))
+    assert changes(before, base(previous=OLD.id), OLD)["update"].rejected == ""
+    assert (
+        changes(replace(WELL, update=replace(EDITION, rejected="c" * 64)), base(previous=OLD.id), OLD)[
+            "update"
+        ].rejected
+        == "c" * 64
+    )
 
 
 def test_without_a_probe_others_may_rely_on_a_trial_before_its_bake_ends():

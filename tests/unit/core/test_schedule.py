@@ -123,7 +123,7 @@ def test_answers_to_several_questions_are_one(robot):
 
 # -- one service, in each situation ----------------------------------------------------------------------------
 
-RUNS = Progress(incarnation=RUN, running_since=EARLIER, update=Update(edition="e", baked="e"))
+RUNS = Progress(incarnation=RUN, running_since=EARLIER, update=Update(edition="e", baked="e", well="base"))
 READY = replace(RUNS, ready=True, was_ready=True, well_since=EARLIER, answered=95.0)
 LIVE = replace(PROBED, live=Probe("tcp", 81, interval=2.0))
 CHECKED = replace(PROBED, ready=replace(PROBED.ready, failures=3))

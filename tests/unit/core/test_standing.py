@@ -55,7 +55,10 @@ def test_it_is_good_when_all_have_what_they_need_and_stayed_well():
     idle = decision(BASE, seen=(box(state="exited"),), memory=Memory())
     assert standing(idle) == Standing(UNTESTED, "no service has run yet")
     assert standing(idle, None, {"base"}) == Standing(UNTESTED, "not run since the change: base")
-    assert standing(idle, None, ()) == Standing(GOOD), "what did not change was good before"
+    assert standing(idle).code == UNTESTED, "after a change of its priority alone, too"
+    seen = box(), box("more", state="exited")
+    beside = decision(ON, replace(BASE, name="more"), seen=seen, memory=Memory({"base": baked(ON)}))
+    assert standing(beside) == Standing(GOOD), "what did not change and does not run says nothing"
 
 
 def test_it_bakes_until_all_that_is_asked_for_has_stayed_well():
