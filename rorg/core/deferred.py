@@ -11,6 +11,7 @@ from rorg.core.ros_parameters import due
 from rorg.core.situation import View
 from rorg.model.catalog import Service
 from rorg.model.codes import CONFIRM, DEFERRED, DEVICE, IMAGE, NO_IMAGE, PARAMETERS
+from rorg.model.volumes import SINGLE_FILE
 
 
 def held_back(view: View, service: Service, changed: Collection[str]) -> Waiting | None:
@@ -71,11 +72,18 @@ def _is_in_use(view: View, name: str) -> bool:
 
 
 def content_to_restart_for(view: View, service: Service, container: Container) -> tuple[str, ...]:
-    """Return mounted paths whose change must restart the current run."""
-    if service.on_change != "restart" or not container.alive or service.name not in view.s.wanted:
+    """Return mounted paths whose change must restart the current run. No signal tells it to read a single mounted
+    file."""
+    if service.on_change == "none" or not container.alive or service.name not in view.s.wanted:
         return ()
     now = view.desired.contents.get(service.name, {})
-    return view.s.memory.of(service.name).update.changed_content(container, now)
+    changed = view.s.memory.of(service.name).update.changed_content(container, now)
+    return changed if service.on_change == "restart" else tuple(p for p in changed if now[p].startswith(SINGLE_FILE))
+
+
+def restarts_for_content(view: View, service: Service, container: Container) -> bool:
+    """Return whether the current run ends only to read changed files. Nothing is wrong with it."""
+    return service.name not in view.s.restarts and bool(content_to_restart_for(view, service, container))
 
 
 def left_over(view: View, service: Service, container: Container) -> list[Waiting]:

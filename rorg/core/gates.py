@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-from rorg.core.deferred import held_back
+from rorg.core.deferred import held_back, restarts_for_content
 from rorg.core.joining import awaited, ended, is_cut_off, joined_to
 from rorg.core.operations import ID, Create, Operation, Remove, Rename, Start, Stop
 from rorg.core.plan import Part, Reason, Timed, Waiting, prefixed
@@ -109,7 +109,7 @@ def _gate(view: View, service: Service, step: Step) -> Passage:
         return (), Waiting(name, view.s.measures.closed)
     if isinstance(operation, Create) and service.joins:
         return _join(view, service)
-    if operation.begins or (swap and name in view.s.wanted and not _hangs(view, name)):
+    if operation.begins or ((swap or _reads_again(view, service, step)) and _goes_on(view, name)):
         passage = _start(view, service, step)  # what runs goes on until its replacement can begin
         return _parameters(view, service) if isinstance(operation, Start) and passage == FREE else passage
     if operation.ends and name not in view.s.wanted:
@@ -143,10 +143,19 @@ def _next_try(failure: str, at: float) -> Timed:
     return Timed(f"{failure}; again in ", at, due=f"{failure}; trying again now")
 
 
-def _hangs(view: View, name: str) -> bool:
-    """Return whether the current run does not answer any more, so that it ends before its replacement can begin."""
+def _goes_on(view: View, name: str) -> bool:
+    """Return whether a service is wanted, and its current run, if there is one, answers. It may go on until another run
+    can begin."""
     current = view.current(name)
-    return current is not None and current.incarnation == view.s.memory.of(name).hung
+    hangs = current is not None and current.incarnation == view.s.memory.of(name).hung
+    return name in view.s.wanted and not hangs
+
+
+def _reads_again(view: View, service: Service, step: Step) -> bool:
+    """Return whether a step ends a run only so that the next one reads changed files."""
+    current = view.current(service.name)
+    ends = step.part_of is Part.RESTART and isinstance(step.operation, Stop)
+    return ends and current is not None and restarts_for_content(view, service, current)
 
 
 def _ends_anyway(view: View, service: Service) -> bool:

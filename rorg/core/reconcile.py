@@ -193,6 +193,8 @@ class _Reconciled:
         if old.name != self.service.container_name or not self.s.engine.rename:
             return []
         name = f"{self.service.container_name}.{old.digest.partition(':')[2][:8] or old.id[:8]}"
+        if name in {c.name for c in self.view.of(self.name)}:  # the new one has the same digest
+            name = f"{name}.{old.id[:8]}"
         return [Step(Rename(container=old.id, name=name), "changed")]
 
     def rolls_over(self, old: Container, new: tuple[Container, Difference] | None) -> bool:
@@ -254,7 +256,8 @@ class _Reconciled:
             useless, another = bool(self.step.useless(container)), diff.recreate or container.id in self.moved
             reason = self.why_stale([(container, diff)]) if useless or another else "a second container of this service"
             way = away(container, reason if keep else "not wanted", self.service, volumes=not keep)
-            steps += [replace(step, surplus=keep and (useless or not another)) for step in way]
+            surplus = keep and (useless or not another or is_untried(self.view, self.name, container))
+            steps += [replace(step, surplus=surplus) for step in way]
         return steps
 
     def wake(self, container: Container | None, steps: list[Step], trial: str) -> list[Step]:

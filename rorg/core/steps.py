@@ -131,19 +131,21 @@ def adjust(view: View, service: Service, container: Container, diff: Difference)
     ):
         steps.append(Step(Rename(container=container.id, name=name), f"it is called {container.name}"))
     why = _restart(view, service, container)
-    contents = view.desired.contents.get(service.name, {})
-    if (
-        container.state == "running"
-        and service.name in view.s.wanted
-        and service.on_change not in ("restart", "none")
-        and (paths := view.s.memory.of(service.name).update.changed_content(container, contents))
-    ):
-        run = container.incarnation
-        reload = Signal(container=container.id, signal=service.on_change, content=dict(contents), incarnation=run)
-        steps.append(Step(reload, "changed", paths))
     if why:
-        steps.append(stop(container, why, service))
-    return steps
+        return [*steps, stop(container, why, service)]
+    return [*steps, *_reload(view, service, container)]
+
+
+def _reload(view: View, service: Service, container: Container) -> list[Step]:
+    """Return the step that tells a run to read its changed files, if a signal does that."""
+    if container.state != "running" or service.name not in view.s.wanted or service.on_change in ("restart", "none"):
+        return []
+    contents, update = view.desired.contents.get(service.name, {}), view.s.memory.of(service.name).update
+    later = content_to_restart_for(view, service, container)
+    paths = tuple(p for p in update.changed_content(container, contents) if p not in later)
+    read = {path: update.content.get(path, digest) if path in later else digest for path, digest in contents.items()}
+    reload = Signal(container=container.id, signal=service.on_change, content=read, incarnation=container.incarnation)
+    return [Step(reload, "changed", paths)] if paths else []
 
 
 def _next_name(view: View, service: Service) -> str:

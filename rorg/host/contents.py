@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 from rorg.model.catalog import Catalog, Spec
-from rorg.model.volumes import OF_TREE
+from rorg.model.volumes import OF_TREE, SINGLE_FILE
 
 MOST_FILES = 5000
 MOST_BYTES = 64 << 20
@@ -60,7 +60,8 @@ class Contents:
             said = self.files.of(path, facts)
             runs = bool(facts.st_mode & stat.S_IXUSR)
             digest.update(f"{os.path.relpath(path, source)}\0{runs}\0{said}\0".encode(errors="surrogateescape"))
-        return digest.hexdigest()[:16] if files else "empty"
+        kind = "" if os.path.isdir(source) else SINGLE_FILE
+        return f"{kind}{digest.hexdigest()[:16]}" if files else "empty"
 
 
 def mounted(spec: Spec, base: str) -> list[str]:

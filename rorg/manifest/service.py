@@ -181,7 +181,10 @@ class ServiceSpec(Strict):
         "When to restart it if it exits while it is wanted. Delays grow.", "on-failure", unset="always"
     )
     on_change: OnChange = unchanging(
-        "The reaction to changed files that this service mounts from the tree, read only.", "signal SIGHUP", "restart"
+        "The reaction to changed files that this service mounts from the tree, read only. For a signal, mount their "
+        "directory: a change of a single mounted file restarts it.",
+        "signal SIGHUP",
+        "restart",
     )
     priority: Priority = unchanging("0 to 100. Under pressure the lowest give way first.", 80, 50)
     resources: Resources = unchanging(

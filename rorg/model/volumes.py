@@ -63,6 +63,9 @@ def same_path(path: str) -> str:
     return "/" + "/".join(part for part in path.split("/") if part not in ("", "."))
 
 
+SINGLE_FILE = "file:"
+"""Begins the digest of a mount that is one file. A container keeps the file that it was started with, also after git
+or an editor has put another one in its place, so only another run reads that (Docker: bind mounts)."""
 OF_TREE = "tree"
 """The type of a mount that the manifests of a service for any machine declare: its files travel with the service."""
 

@@ -416,6 +416,11 @@ def test_changed_files_restart_signal_or_nothing(real_robot):
         "quiet": {**spec, "on_change": "none"},
         "other": {"always_on": True},
         "file": {"always_on": True, "container": {"volumes": ["./config/deep/a.yaml:/a.yaml:ro"]}},
+        "single": {
+            "always_on": True,
+            "on_change": "signal HUP",
+            "container": {"volumes": ["./config/deep/a.yaml:/a.yaml:ro"]},
+        },
         "writes": {"always_on": True, "container": {"volumes": ["./config:/config"]}},
         "told": {
             **spec,
@@ -428,7 +433,7 @@ def test_changed_files_restart_signal_or_nothing(real_robot):
     robot.wait(lambda: robot.active() == {*tree} and (seen / "up").exists())
     robot.wait(robot.quiet)
     runs = {n: identity(robot, n) for n in tree}
-    restarted = ("again", "file")
+    restarted = ("again", "file", "single")
 
     def expect(hups: int) -> None:
         """Those that read it are another run of the same container, `told` was told, nobody else noticed."""

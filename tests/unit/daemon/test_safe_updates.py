@@ -195,6 +195,39 @@ def test_a_file_that_a_signal_makes_a_program_read_is_good_after_a_bake(virtual)
     assert virtual.run_of("nav") == run
 
 
+def test_a_run_goes_on_until_the_next_one_can_read_its_changed_file(virtual):
+    """As with a new container: a service is not stopped for a change while it could not start again."""
+    virtual.declare({"cam": {}, "nav": {**WELL, "needs": ["cam"]}})
+    catalog = virtual.sim.desired.catalog
+    virtual.sim.desired = desire(catalog, contents={"nav": {"nav.conf": "1"}})
+    virtual.settle()
+    run = virtual.run_of("nav")
+    spoil(virtual, "cam", "start")
+    virtual.sim.engine.kill(virtual.container("cam").id)
+    virtual.sim.desired = desire(replace(catalog, fingerprint="2"), contents={"nav": {"nav.conf": "2"}})
+    virtual.wait(lambda: virtual.waits("nav").startswith("cam waits"))
+    later(virtual, 10)
+    assert virtual.run_of("nav") == run
+    virtual.sim.faults.bad.clear()
+    virtual.wait(lambda: virtual.run_of("nav") not in ("", run))
+
+
+@pytest.mark.parametrize(("digest", "same"), [("1", True), ("file:1", False)])
+def test_no_signal_makes_a_program_read_a_single_mounted_file(virtual, digest, same):
+    """Its container keeps the file that it was started with."""
+    virtual.declare({"nav": {**WELL, "on_change": "signal SIGHUP"}})
+    catalog = virtual.sim.desired.catalog
+    virtual.sim.desired = desire(catalog, contents={"nav": {"nav.conf": digest, "maps": "1"}})
+    virtual.settle()
+    run = virtual.run_of("nav")
+    virtual.sim.desired = desire(
+        replace(catalog, fingerprint="2"), contents={"nav": {"nav.conf": f"{digest}2", "maps": "2"}}
+    )
+    later(virtual, 60)
+    assert (virtual.run_of("nav") == run) is same
+    assert stands(virtual) == "good"
+
+
 # -- quarantine ------------------------------------------------------------------------------------------------
 
 
