@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from rorg.cli.context import Context
-from rorg.cli.kinds import KINDS, service_name
+from rorg.cli.kinds import KIND_OF, service_name
 from rorg.cli.names import complete_groups, complete_kinds_and_names
 from rorg.cli.options import Output, RobotManifests
 from rorg.cli.output import end_with_reader, missing, note, print_rows
@@ -19,7 +19,6 @@ from rorg.cli.selection import select
 from rorg.cli.watch import Watch
 from rorg.errors import Invalid
 
-KIND_OF = {name: names[0] for names in KINDS.values() for name in names}
 Found = tuple[list[dict[str, Any]], list[Any]]
 """(rows for people, values for YAML and JSON)."""
 

@@ -28,6 +28,8 @@ KINDS = {
     "request": ("requests", "request"),
 }
 """Kind of manifest in lower case -> its names in a command line; the first is the folder of its manifests."""
+KIND_OF = {name: names[0] for names in KINDS.values() for name in names}
+"""Name of a kind in a command line -> the kind, as its folder is named."""
 SERVICE = re.compile(rf"({'|'.join(KINDS['service'])})/(?=.)")
 """In front of a name, as users of kubectl write it: service/navigation."""
 

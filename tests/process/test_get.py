@@ -128,6 +128,20 @@ def test_describe_in_numbers_without_secrets(robot):
     assert "no such service" in rorg(robot, "describe", "fin", code=2)
 
 
+def test_describe_takes_a_kind_before_the_name_as_kubectl_does(robot):
+    plain = json.loads(rorg(robot, "describe", "idle", "-o", "json"))
+    for kind in ("service", "services", "svc"):
+        assert json.loads(rorg(robot, "describe", kind, "idle", "-o", "json")) == plain
+    assert [s["name"] for s in json.loads(rorg(robot, "describe", "group", "good", "-o", "json"))] == ["fine", "idle"]
+    assert "no such service" in rorg(robot, "describe", "service", "fin", code=2)
+    assert "'good': it is a group; try `rorg describe group good`" in rorg(robot, "describe", "svc", "good", code=2)
+    assert "'idle': it is a service; try `rorg describe service idle`" in rorg(
+        robot, "describe", "group", "idle", code=2
+    )
+    assert "no such kind; try 'service'" in rorg(robot, "describe", "servce", "idle", code=2)
+    assert "`rorg get profiles slow -o yaml`" in rorg(robot, "describe", "profile", "slow", code=2)
+
+
 def test_beside_a_running_rorg_nothing_else_is_read(robot, tmp_path):
     """As somebody of the group, who may use the socket and nothing else."""
     words = (["get"], ["get", "policies"], ["get", "good"], ["describe", "quits"], ["logs", "good", "quits", "-n", "1"])

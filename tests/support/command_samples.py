@@ -86,7 +86,11 @@ SAMPLES = {
             "get neither",
         ],
     ),
-    "describe": Sample(["describe base"], Line("describe arm", **BOTH), alike=["describe gripper", "describe nosuch"]),
+    "describe": Sample(
+        ["describe base"],
+        Line("describe arm", **BOTH),
+        alike=["describe service gripper", "describe nosuch"],
+    ),
     "why": Sample(
         ["why navigation", "why driving -o json"],
         Line("why arm", **BOTH),
