@@ -12,6 +12,7 @@ from rorg.core.status import Status
 from rorg.model.catalog import Catalog
 from rorg.model.codes import VANISHED
 from rorg.model.health import Health
+from rorg.model.probe import Probe
 
 
 def why_active(current: Current, name: str) -> list[dict[str, Any]]:
@@ -54,7 +55,7 @@ def _why(current: Current, name: str) -> dict[str, Any]:
             *([str(silence)] if (silence := current.decision.situation.observed.silence) else ()),
             *_suspended(current, status),
             *current.decision.plan.reasons().get(name, ()),
-            *_probing(status),
+            *_failing_probes(current, status),
         ],
         "cautions": [
             *status.cautions,
@@ -77,11 +78,22 @@ def _suspended(current: Current, status: Status) -> Iterator[str]:
         yield f"rorg is {decision.situation.suspended}"
 
 
-def _probing(status: Status) -> Iterator[str]:
-    """The part of its probe that fails."""
-    ready = status.condition("Ready")
-    if status.wanted and ready.reason in ("Probing", "Late") and ready.message:
-        yield f"not ready: {ready.message}"
+def _failing_probes(current: Current, status: Status) -> Iterator[str]:
+    """The probe that keeps a service from being ready, and the one that ended its last run, with what they ask."""
+    ready, situation = status.condition("Ready"), current.decision.situation
+    if not status.wanted or status.service not in situation.memory.progress:
+        return
+    probed, progress = situation.with_probes_in_force(status.service), situation.memory.of(status.service)
+    if probed.ready and ready.reason in ("Probing", "Late") and ready.message:
+        # The answers of several questions name them themselves.
+        message = ready.message.removeprefix(str(probed.ready)).removeprefix(":").strip()
+        yield f"`ready` ({_asked(probed.ready)}) fails: {message}"
+    if probed.live and progress.hung and progress.hung == progress.incarnation:
+        yield f"`live` ({_asked(probed.live)}) failed, which ended its last run"
+
+
+def _asked(probe: Probe) -> str:
+    return "all" if probe.parts else str(probe)
 
 
 def _spoiled(current: Current, status: Status) -> Iterator[str]:

@@ -56,7 +56,7 @@ def test_why_names_the_parts_that_do_not_hold(tmp_path):
         with socket.create_server(("127.0.0.1", 0)) as listener:
             parts = [{"tcp": listener.getsockname()[1]}, {"tcp": port}]
             robot.declare({"server": {"always_on": True, "ready": {"all": parts}}})
-            refused = [f"not ready: tcp 127.0.0.1:{port}: Connection refused"]
+            refused = [f"`ready` (all) fails: tcp 127.0.0.1:{port}: Connection refused"]
             wait_for(lambda: robot.client().why("server")[0]["waits"] == refused)
     finally:
         robot.close()

@@ -66,3 +66,23 @@ def test_a_program_that_ends_again_and_again_is_not_said_to_fail_to_start(shell)
     wait_for(lambda: any(line.startswith("it waits: ended with exit code 7; again in ") for line in why(shell, "arm")))
     wait_for(lambda: "rorg restart arm" in shell("retry", "arm", code=5).stderr)
     assert "rorg get" in shell("retry", "base", code=5).stderr, "nothing is wrong with it"
+
+
+@pytest.mark.slow
+def test_a_probe_that_fails_is_named(shell, tmp_path):
+    answers = tmp_path / "answers"
+    answers.touch()
+    probes = {
+        "deaf": {"ready": {"file": "/nonexistent"}},
+        "picky": {"ready": {"exec": "false"}},
+        "hangs": {"live": {"file": str(answers), "interval": "200ms", "failures": 1}},
+    }
+    begin(shell, **probes)
+    for name in probes:
+        shell("request", name)
+    wait_for(lambda: why(shell, "deaf")[-1] == "it waits: `ready` (file /nonexistent) fails: No such file or directory")
+    wait_for(lambda: why(shell, "picky")[-1] == "it waits: `ready` (exec false) fails: exits 1")
+    assert not any("`live`" in line for line in why(shell, "hangs"))
+    answers.unlink()
+    ended = f"it waits: `live` (file {answers}) failed, which ended its last run"
+    wait_for(lambda: ended in why(shell, "hangs"))
