@@ -1,4 +1,5 @@
-"""Writes the reference pages from the code: `python docs/reference/generate.py [--check]`."""
+"""Writes the reference pages, and what a shell completes of fields, from the code:
+`python docs/reference/generate.py [--check]`."""
 
 from __future__ import annotations
 
@@ -21,6 +22,7 @@ from rorg.api.permissions import OPERATIONS
 from rorg.cli.app import about, argument_name, typer_command, usage
 from rorg.cli.commands import ALIASES, GROUPS
 from rorg.cli.options import SHARED
+from rorg.manifest.field_paths import all_paths
 from rorg.manifest.field_texts import UNSET, fields_of, inline, title
 from rorg.manifest.models import ENVELOPES, SPECS
 from rorg.manifest.schema import BESIDE, below
@@ -219,6 +221,7 @@ def main() -> None:
         ("api.md", api()),
         ("findings.md", NOTE + findings()),
         ("engines.md", NOTE + engines()),
+        ("../../rorg/cli/fields.txt", "\n".join([*all_paths(), ""])),
     ):
         path = HERE / name
         if not path.exists() or path.read_text(encoding="utf-8") != text:

@@ -10,7 +10,7 @@ import typer
 
 from rorg.cli.context import Context
 from rorg.cli.differences import Differences, differences, line, past_of, tree_of, warn_of_other_tree
-from rorg.cli.names import complete_services
+from rorg.cli.names import complete_revisions, complete_services
 from rorg.cli.options import Directory, EngineName, Form, StateDirectory
 from rorg.cli.output import dump, echo, note, print_rows
 from rorg.cli.terminal import printable
@@ -20,7 +20,8 @@ Rev = Annotated[
     str,
     typer.Argument(
         help="Compare with a revision as if it were in force: a number from rorg history, a commit, a tag or a"
-        " branch. A..B compares the manifests of two."
+        " branch. A..B compares the manifests of two.",
+        autocompletion=complete_revisions,
     ),
 ]
 Unified = Annotated[

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rorg.cli.names import complete_services
+from rorg.cli.names import complete_fields_and_services
 from rorg.cli.options import Output, TreeAlone
 from rorg.cli.output import dump, echo, missing, table
 from rorg.errors import Invalid
@@ -31,7 +31,7 @@ def command(
         str,
         typer.Argument(
             help="A field, such as service.idle.linger, or a service; services/NAME if a field has the same name.",
-            autocompletion=complete_services,
+            autocompletion=complete_fields_and_services,
         ),
     ],
     output: Output = "table",

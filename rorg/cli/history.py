@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from rorg.cli.kinds import FILE
+from rorg.cli.names import complete_revisions
 from rorg.cli.options import Output, Robot
 from rorg.cli.output import dump, echo, print_rows, table
 from rorg.cli.records import Kept, Served, records_of
@@ -29,7 +30,11 @@ def command(
         typer.Argument(help="list, show REV, diff REV [REV] (default: the newest), or export."),
     ] = "list",
     revisions: Annotated[
-        list[str], typer.Argument(help="Numbers from the list, or commits as in git: a hash, a tag, HEAD~2.")
+        list[str],
+        typer.Argument(
+            help="Numbers from the list, or commits as in git: a hash, a tag, HEAD~2.",
+            autocompletion=complete_revisions,
+        ),
     ] = [],  # noqa: B006
     *,
     number: Annotated[

@@ -3,6 +3,7 @@ imported only when a shell asks."""
 
 from __future__ import annotations
 
+import contextlib
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -20,6 +21,11 @@ LONGEST = 1.0
 """Longest time, in seconds, that a shell waits for names."""
 MOST = 1 << 16
 """Characters of a manifest that are read."""
+REVISIONS = 20
+"""Revisions that are offered."""
+FIELDS = Path(__file__).with_name("fields.txt")
+"""Paths of all fields of manifests, one a line, from docs/reference/generate.py: importing the models takes too long
+for a TAB."""
 NAME = re.compile(
     r"""^metadata:\s*(?:\{[^}\n]*?|(?:.*\n\s+)*?)\bname:\s*["']?([\w.-]+(?:[/:][\w.-]+)*)""", re.MULTILINE
 )
@@ -49,10 +55,48 @@ def complete_requests(ctx: typer.Context, incomplete: str) -> list[str]:
 
 
 def complete_kinds_and_names(ctx: typer.Context, incomplete: str) -> list[str]:
-    """Services and groups, or names of the kind that the line has first."""
+    """Kinds, services and groups; after a kind, its names."""
     first = next(_typed(ctx), "")
     kind = next((kind for kind, words in KINDS.items() if first in words), "service")
-    return _completions(ctx, kind, incomplete)
+    kinds = [] if first else [words[0] for words in KINDS.values() if words[0].startswith(incomplete)]
+    return kinds + _completions(ctx, kind, incomplete)
+
+
+def complete_fields_and_services(ctx: typer.Context, incomplete: str) -> list[str]:
+    """Services and groups, and fields of manifests down to the next dot. A field that alone fits comes with those in
+    it, so that the shell does not end the word."""
+    depth = incomplete.count(".")
+    services = [] if depth else _completions(ctx, "service", incomplete)
+    begun = [path.split(".") for path in _starts(FIELDS.read_text("utf-8").split()) if path.startswith(incomplete)]
+    fields = {".".join(words[: depth + 1]): None for words in begun}
+    if len(fields) == 1 and not services:
+        fields |= {".".join(words[: depth + 2]): None for words in begun}
+    return [*fields, *services]
+
+
+def _starts(paths: Sequence[str]) -> Iterator[str]:
+    """Every spelling of fields, as in field_paths.py: with the kind, and from `spec` or `metadata` on."""
+    for path in paths:
+        yield path
+        _, dot, rest = path.partition(".")
+        if dot:
+            yield rest
+
+
+def complete_revisions(ctx: typer.Context, incomplete: str) -> list[tuple[str, str]]:
+    """Numbers of the newest revisions, with their subjects."""
+    with contextlib.suppress(Exception):  # a shell asks
+        from rorg.cli.records import records_of
+
+        context = _context(ctx)
+        if context.client():
+            context.serving("complete").timeout = LONGEST
+        with records_of(context) as records:
+            listed = [r for r in records.listed(REVISIONS) if r["standing"] != "refused"]
+        typed = set(_typed(ctx))
+        found = [(str(r["number"]), f"{r['standing']} {r['at'][:16]} {r['subject']}") for r in listed]
+        return [(number, about) for number, about in found if number not in typed and number.startswith(incomplete)]
+    return []
 
 
 def complete_event_kinds(incomplete: str) -> list[str]:
@@ -73,13 +117,18 @@ def _typed(ctx: typer.Context) -> Iterator[str]:
     return (word for value in ctx.params.values() if isinstance(value, list | tuple) for word in value)
 
 
+def _context(ctx: typer.Context) -> Context:
+    from rorg.cli.context import Context
+
+    context = Context(ctx.params.get("state_dir"), None, ctx.params.get("directory"))
+    context.notices.quiet = True
+    return context
+
+
 def _completions(ctx: typer.Context, kind: str, incomplete: str) -> list[str]:
     """Names of a kind that the line does not have yet; none if anything goes wrong, because a shell asks."""
     try:
-        from rorg.cli.context import Context
-
-        context = Context(ctx.params.get("state_dir"), None, ctx.params.get("directory"))
-        context.notices.quiet = True
+        context = _context(ctx)
         names = _served(context, kind) if context.client() else _glanced(context, kind)
     except Exception:
         return []

@@ -10,6 +10,7 @@ import typer
 from rorg.cli.apply import agree
 from rorg.cli.differences import Differences
 from rorg.cli.kinds import Seconds
+from rorg.cli.names import complete_revisions
 from rorg.cli.options import Timeout, Tree, WaitFor, Yes
 from rorg.cli.output import note
 from rorg.errors import Invalid
@@ -22,6 +23,7 @@ def command(
         typer.Option(
             help="A time, such as 10m (ago) or 2026-01-31T12:00:00Z, or a REV as for `rorg rollback`.",
             metavar="TIME|REV",
+            autocompletion=complete_revisions,
         ),
     ] = "",
     yes: Yes = False,

@@ -9,7 +9,7 @@ import typer
 
 from rorg.cli.apply import agree
 from rorg.cli.kinds import Seconds
-from rorg.cli.names import complete_services
+from rorg.cli.names import complete_revisions, complete_services
 from rorg.cli.options import Timeout, Tree, WaitFor, Yes
 from rorg.cli.output import echo, note
 
@@ -17,7 +17,8 @@ Rev = Annotated[
     str,
     typer.Argument(
         help="REV: a number from `rorg history`, or a commit as in git. Default: the last proven one that changes all "
-        "that fails now."
+        "that fails now.",
+        autocompletion=complete_revisions,
     ),
 ]
 

@@ -17,7 +17,9 @@ from tools import tool
 from rorg.cli.app import typer_command
 from rorg.cli.commands import COMMANDS
 from rorg.cli.completion import answer
+from rorg.cli.kinds import KINDS
 from rorg.cli.names import declared
+from rorg.manifest.policy import Idle
 
 OFFERED = [
     ("why ", {"base", "developer", "driving", "navigation", "roscore", "spare"}),
@@ -52,6 +54,20 @@ OFFERED = [
     ("simulate day.yaml ", {":directories"}),
     ("diff ", {":directories"}),
     ("why --state-dir ", {":directories"}),
+    ("get ", {*(names[0] for names in KINDS.values()), *SERVICES, "developer", "driving"}),
+    ("get p", {"policies", "profiles"}),
+    ("get groups ", {"driving"}),
+    ("explain n", {"navigation", "network"}),
+    ("explain spec.upda", {"spec.update", "spec.updates"}),
+    ("explain spec.idl", {"spec.idle", *(f"spec.idle.{name}" for name in Idle.model_fields)}),
+    ("explain service.", {"service.spec", "service.metadata"}),
+    ("explain service.spec.idle.l", {"service.spec.idle.linger"}),
+    ("rollback ", {"1"}),
+    ("restore --at ", {"1"}),
+    ("restore --at=", {"--at=1"}),
+    ("diff . ", {"1"}),
+    ("history show ", {"1"}),
+    ("history diff 1 ", set()),
     ("release ", {"tour"}),
     ("release t", {"tour"}),
 ]
@@ -79,7 +95,7 @@ def test_bash_breaks_words_at_equals_signs(robot):  # noqa: F811
     assert rorg(robot, "restart", "--wa", _RORG_COMPLETE="bash").stdout == "--wait\n"
 
 
-@pytest.mark.parametrize("line", ["why nav", "release ", "get -o ", "request --"])
+@pytest.mark.parametrize("line", ["why nav", "release ", "get -o ", "request --", "get ", "explain spec.", "rollback "])
 def test_an_answer_imports_nothing_heavy(robot, line):  # noqa: F811
     assert heavy(imported(robot, *line.split(" "), _RORG_COMPLETE="bash")) == []
 
