@@ -30,7 +30,7 @@ class ManifestChange:
     message: str
     author: str
     person: bool = False
-    """Whether the author is a person."""
+    """Whether the author is a person: then the login."""
 
     def place(self, root: Path) -> Path:
         """The file that holds its text: a link to another file of the tree stays a link. On deletion the link itself
@@ -48,7 +48,7 @@ class ManifestChange:
         except OSError:
             note.unlink()
             raise
-        commit(root, path, self.author, self.message)
+        commit(root, path, self.author, self.message, self.person)
         note.unlink()
 
 
@@ -67,7 +67,7 @@ def recover(root: Path, note: Path) -> tuple[ManifestChange, str] | None:
         now = None
     if now == change.after:
         wait_for_locks(root, begun)
-        done = committed(root, path) or commit(root, path, change.author, change.message)
+        done = committed(root, path) or commit(root, path, change.author, change.message, change.person)
         outcome = "finished" if done else "written, but not committed: git refuses"
     else:
         outcome = (

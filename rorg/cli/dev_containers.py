@@ -19,7 +19,7 @@ from rorg.engines.docker.dev import DevContainers
 from rorg.engines.docker.engine import DockerEngine
 from rorg.errors import EngineError, Invalid, Refused
 from rorg.host.devices import look
-from rorg.host.git import identity
+from rorg.host.git import configured_identity
 from rorg.host.person import Person, caller
 from rorg.images.dev import (
     BASHRC,
@@ -80,7 +80,7 @@ class Wish:
             name=self.person.name,
             workspace=_workspace(workspace),
             home=str(context.state.homes.absolute() / str(self.person.uid) / self.name),
-            git=identity(self.person.home),
+            git=configured_identity(self.person.home),
             display=_display(self.what, self.person) if x11 else None,
             gpu=gpu,
         )

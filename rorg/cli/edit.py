@@ -170,7 +170,7 @@ class Alone:
     def write(self, kind: str, name: str, text: str) -> None:
         from rorg.api.manifest_change import ManifestChange, digest
         from rorg.api.manifest_texts import check_name, check_tree, file_with
-        from rorg.api.permissions import Caller
+        from rorg.host.person import caller
 
         kept = self.all[kind, name]
         path, before = kept.path, kept.content
@@ -178,7 +178,7 @@ class Alone:
         check_name(kind, name, text)
         whole = file_with(kept, kind, name, text) or ""
         check_tree(self.root, path, whole, engine="", what=what)
-        person = Caller("developer", uid=os.getuid()).author
+        person = caller(os.environ, os.getuid(), os.getgid()).name
         change = ManifestChange(
             str(path.relative_to(self.root)), digest(before), digest(whole.encode()), _message(kind, name), person, True
         )

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import contextlib
+import os
+import socket
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import psutil
 
 from rorg.host.git_process import ask_git, git_text, repository, run_git
+from rorg.host.person import Person, called
 from rorg.model.units import stamp
 
 COMMIT_PATIENCE = 60.0
@@ -18,6 +22,7 @@ STALE = 600.0
 """Seconds after which index.lock must be of a killed git."""
 AGAIN = 0.1
 """Seconds between two checks of a lock."""
+NAMES = ("GIT_AUTHOR_NAME", "GIT_AUTHOR_EMAIL", "GIT_COMMITTER_NAME", "GIT_COMMITTER_EMAIL")
 LONGEST = 200
 """Characters of an author or subject that are kept."""
 
@@ -38,14 +43,29 @@ class Commit:
     """Whether files of the tree differ from it."""
 
 
-def identity(home: str) -> dict[str, str]:
-    """Name and address of the person with this home, as git's variables for a committer without a ~/.gitconfig."""
+def identity(top: Path, person: Person, environment: Mapping[str, str]) -> dict[str, str]:
+    """git's variables for the author and committer of a person's commit in the repository at `top`: from the
+    environment, the person's configuration, or that of the repository and the machine; otherwise login@host. Root's own
+    configuration counts for no one else."""
+    known = configured_identity(person.home) | {name: environment[name] for name in NAMES if environment.get(name)}
+    defaults = {"NAME": person.name, "EMAIL": f"{person.name.replace(' ', '.')}@{socket.gethostname()}"}
+    for what, default in defaults.items():
+        names = [name for name in NAMES if name.endswith(what)]
+        if not known.keys() >= {*names}:
+            words = ("config", "--get", f"user.{what.lower()}")
+            found = ask_git(top, *words, environment={"GIT_CONFIG_GLOBAL": os.devnull})
+            known = dict.fromkeys(names, (found.yes and found.text) or default) | known
+    return known
+
+
+def configured_identity(home: str) -> dict[str, str]:
+    """Name and address in the git configuration of the person with this home, as git's variables."""
     variables: dict[str, str] = {}
-    for key, what in (("user.name", "NAME"), ("user.email", "EMAIL")) if home else ():
-        said = run_git(["-C", home, "config", "--global", "--get", key], environment={"HOME": home})
-        variables |= (
-            {f"GIT_{who}_{what}": said.text for who in ("AUTHOR", "COMMITTER")} if said.yes and said.text else {}
-        )
+    for what in ("NAME", "EMAIL") if home else ():
+        words = ["-C", home, "config", "--global", "--get", f"user.{what.lower()}"]
+        said = run_git(words, environment={"HOME": home})
+        if said.yes and said.text:
+            variables |= {name: said.text for name in NAMES if name.endswith(what)}
     return variables
 
 
@@ -162,12 +182,16 @@ def _locks(git: Path, since: float) -> dict[Path, float]:
     return {lock: made for lock, made in locks.items() if made >= since}
 
 
-def commit(root: Path, path: Path, author: str, message: str) -> bool:
-    """Commit one file alone, even if others are staged; False outside of a repository, or if git refuses."""
+def commit(root: Path, path: Path, author: str, message: str, person: bool = False) -> bool:
+    """Commit one file alone, even if others are staged; False outside of a repository, or if git refuses. `author` is
+    the login of a `person`, whose git name counts, or another name."""
     if git_dir(root) is None:
         return False
-    address = f"{author.replace(' ', '.')}@rorg.local"
-    who = ("-c", "commit.gpgSign=false", "-c", f"user.name={author}", "-c", f"user.email={address}")
+    if person:
+        known = called(author)
+        who = identity(root, known, os.environ if known.uid == os.geteuid() else {})
+    else:
+        who = dict(zip(NAMES, 2 * (author, f"{author.replace(' ', '.')}@rorg.local"), strict=True))
     git_text(root, "add", "--all", "--", str(path))
     words = ("commit", "--quiet", "--message", message, "--only", "--", str(path))
-    return ask_git(root, *who, *words, patience=COMMIT_PATIENCE).yes
+    return ask_git(root, "-c", "commit.gpgSign=false", *words, patience=COMMIT_PATIENCE, environment=who).yes

@@ -20,7 +20,6 @@ SHORT = 12
 """Digits of a commit in text for people."""
 MAGIC = frozenset("*?[]\\:!^")
 """Characters by which git takes a path for a pattern."""
-NAMES = ("GIT_AUTHOR_NAME", "GIT_AUTHOR_EMAIL", "GIT_COMMITTER_NAME", "GIT_COMMITTER_EMAIL")
 
 
 def top_of(directory: Path) -> Path:
@@ -92,7 +91,7 @@ class Restoring:
             tree = self._git("write-tree", environment=index)
         if tree == self._git("rev-parse", f"{head}^{{tree}}"):
             return ""
-        who = self._who(person, environment)
+        who = identity(self.top, person, environment)
         return self._git("commit-tree", tree, "-p", head, "-m", self.message, environment=who)
 
     def differs(self) -> bool:
@@ -116,13 +115,6 @@ class Restoring:
 
     def _has(self, commit: str, path: str) -> bool:
         return bool(self._git("ls-tree", "--full-tree", "--name-only", commit, "--", path))
-
-    def _who(self, person: Person, environment: Mapping[str, str]) -> dict[str, str]:
-        """By git's variables, the person's configuration or the repository's; otherwise by the user's name."""
-        variables = identity(person.home) | {name: environment[name] for name in NAMES if environment.get(name)}
-        if "GIT_AUTHOR_NAME" not in variables and not self._git("config", "--default", "", "--get", "user.name"):
-            variables = dict(zip(NAMES, 2 * (person.name, f"{person.name}@rorg.local"), strict=True)) | variables
-        return variables
 
     def _git(self, *words: str, environment: Mapping[str, str] | None = None, told: bool = False) -> str:
         what = f"restore {self.source[:SHORT]} in {self.top}"

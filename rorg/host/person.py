@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import pwd
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -32,3 +33,14 @@ def caller(environment: Mapping[str, str], uid: int, gid: int) -> Person:
     except (KeyError, OverflowError):
         return Person(uid, gid, str(uid), home)
     return Person(uid, gid, entry.pw_name, home or entry.pw_dir)
+
+
+def called(login: str) -> Person:
+    """The user with this login; if this machine does not know it, only its name counts. HOME is that of the user who
+    runs rorg, as git takes it."""
+    try:
+        entry = pwd.getpwnam(login)
+    except (KeyError, ValueError):
+        return Person(-1, -1, login, "")
+    home = os.path.expanduser("~") if entry.pw_uid == os.geteuid() else entry.pw_dir
+    return Person(entry.pw_uid, entry.pw_gid, login, home)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -63,7 +64,8 @@ def leftovers(robot) -> list[Path]:
     return list(robot.tree.parent.glob("rorg-edit-*"))
 
 
-def test_a_change_is_written_and_committed_by_the_person(robot):
+def test_a_change_is_written_and_committed_by_the_person(robot, tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
     manifest(robot, "arm").chmod(0o640)
     said = edit(robot, "arm", "text += '  priority: 7\\n'")
     assert said == "service arm edited\n"
@@ -71,8 +73,16 @@ def test_a_change_is_written_and_committed_by_the_person(robot):
     assert manifest(robot, "arm").stat().st_mode & 0o777 == 0o640
     assert git(robot, "status", "--porcelain") == ""
     assert git(robot, "log", "-1", "--format=%s") == "edit service arm"
-    assert git(robot, "log", "-1", "--format=%an") == subprocess.check_output(["id", "-un"], text=True).strip()
+    login = subprocess.check_output(["id", "-un"], text=True).strip()
+    assert git(robot, "log", "-1", "--format=%an <%ae>") == f"{login} <{login}@{socket.gethostname()}>"
     assert not leftovers(robot)
+
+
+def test_the_author_is_the_one_that_git_knows(robot, tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    (tmp_path / ".gitconfig").write_text("[user]\nname = Cleo\nemail = cleo@lab\n")
+    edit(robot, "arm", "text += '  priority: 7\\n'")
+    assert git(robot, "log", "-1", "--format=%an <%ae>, %cn <%ce>") == "Cleo <cleo@lab>, Cleo <cleo@lab>"
 
 
 @pytest.mark.slow

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import socket
 import subprocess
 import tempfile
 from pathlib import Path
@@ -154,8 +155,9 @@ def test_it_is_by_whom_git_knows_else_by_the_user(repository, first, tmp_path_fa
         return git(repository, "log", "-1", "--format=%an <%ae>, %cn", restoring.commit(person, {}))
 
     assert author(NOBODY._replace(home=str(home))) == "Cleo <cleo@lab>, Cleo"
-    assert author(NOBODY) == "bob <bob@rorg.local>, bob"
+    assert author(NOBODY) == f"bob <bob@{socket.gethostname()}>, bob"
     git(repository, "config", "user.name", "Dan")
+    assert author(NOBODY) == f"Dan <bob@{socket.gethostname()}>, Dan"
     git(repository, "config", "user.email", "dan@lab")
     assert author(NOBODY) == "Dan <dan@lab>, Dan"
 
