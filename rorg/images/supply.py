@@ -66,7 +66,8 @@ class Supplier:
         changed. Without `cache`, rebuild everything."""
         wanted = list(names)
         with contextlib.closing(self.make_builder()) as builder:
-            pulled, digests = self._pull(builder, catalog, wanted, listener, stop) if pull else ([], {})
+            again = pull and self.engine.capabilities.images
+            pulled, digests = self._pull(builder, catalog, wanted, listener, stop) if again else ([], {})
             content = self._renewed(catalog, content, digests, () if cache else wanted)
             orders = self._orders(builder, catalog, content, wanted, cache)
             known = {order.reference: order.image for order in orders}
@@ -90,12 +91,16 @@ class Supplier:
     def _orders(
         self, builder: Builder, catalog: Catalog, content: Content, names: list[str], cache: bool
     ) -> list[Order]:
+        external_names = externals(catalog, names)
+        there = builder.there({*content.references.values(), *external_names})
+        if not self.engine.capabilities.images:
+            there |= external_names  # such an engine pulls nothing: an image is only a name
         orders = orders_for(
             catalog,
             names,
             identities=content.identities,
             tags=content.references,
-            there=builder.there({*content.references.values(), *externals(catalog, names)}),
+            there=there,
             owner=self.owner,
             cache=cache,
         )

@@ -69,11 +69,19 @@ def test_the_command_says_what_failed_where_its_log_is_and_builds_the_rest(docke
 def test_what_would_be_done_is_printed_and_nothing_is_done(tree):
     words, noted = ["--manifests", str(tree), "--dry-run", "-o"], tree.parent / "state" / "process-images.json"
     told = {row["image"]: row["action"] for row in json.loads(rorg("build", *words, "json", **of(tree)).stdout)}
-    assert told == {**dict.fromkeys(("bad", "one", "two"), "build"), BASE_IMAGE: "pull"}
+    assert told == {**dict.fromkeys(("bad", "one", "two"), "build"), BASE_IMAGE: "nothing"}
     assert not noted.exists()
     assert "two" in rorg("build", "two", *words, "name", **of(tree)).stdout.splitlines()
     rorg("build", "two", "--manifests", str(tree), **of(tree))
     assert json.loads(noted.read_text())["two"] == [str(tree.parent / "two")]
+
+
+@pytest.mark.slow
+def test_processes_have_nothing_to_pull(tree):
+    words = ("build", "two", "--manifests", str(tree), "-o", "json")
+    for more in ((), ("--pull",)):
+        rows = {row["image"]: row["outcome"] for row in json.loads(rorg(*words, *more, **of(tree)).stdout)}
+        assert rows == {"two": "present" if more else "built", **({} if more else {BASE_IMAGE: "present"})}
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
