@@ -18,6 +18,7 @@ from rorg.model.catalog import Service
 from rorg.model.diagnostics import Diagnostic
 from rorg.model.engines import ENGINES
 from rorg.model.image_names import declared
+from rorg.model.joining import SERVICE
 
 HOST = "host"
 """The image of services that run as processes of this machine, as `rorg import systemd` writes it. The process engine
@@ -58,6 +59,7 @@ def check_programs(
             diagnostics += _as_container(source, spec)
         elif spec is not None and of_this_machine(engine):
             diagnostics += _as_process(source, spec, images)
+            diagnostics += _ignored_by_processes(source)
     return diagnostics
 
 
@@ -101,6 +103,22 @@ def _as_process(source: Source, spec: Mapping[str, Any], images: Collection[str]
     elif not declared(spec["image"], images) and not shutil.which(words[0], path=search):
         remedy = f"to install it, or write ./{words[0]} for a program beside the manifest"
         yield Diagnostic(where, f"no program '{words[0]}' on this machine", remedy, "warning")
+
+
+def _ignored_by_processes(source: Source) -> Iterator[Diagnostic]:
+    """Reports what only a container can have, where the manifest itself declares it: the files and the network of a
+    process are those of this machine. So `network_mode: host`, or the network of another service, is what it has."""
+    spec: Any = source.spec
+    container = spec.container
+    mounted: list[tuple[str, ...]] = [("spec", "mounts")] if spec.mounts else []
+    mounted += [("spec", "container", "volumes")] if container and container.volumes else []
+    for path in mounted:
+        message = f"the process engine ignores {path[-1]}: a process sees the files of this machine"
+        yield Diagnostic(source.where(*path, key=True), message, "paths of this machine in the command", "warning")
+    mode = str((container and container.network_mode) or "host")
+    if mode != "host" and not mode.startswith(SERVICE):
+        message = f"the process engine ignores network_mode: {mode}: a process uses the network of this machine"
+        yield Diagnostic(source.where("spec", "container", "network_mode"), message, "network_mode: host", "warning")
 
 
 def _severity(source: Source, path: str) -> str:

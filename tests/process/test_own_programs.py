@@ -157,6 +157,28 @@ def test_validate_checks_for_an_engine_that_is_named(tree):
     assert {Path(d["file"]).stem for d in validate(tree, "--engine", "docker", code=2)} == {"nowhere"}
 
 
+IGNORED, NETWORK = "the process engine ignores", "a process uses the network of this machine"
+FILES = IGNORED + " {}: a process sees the files of this machine"
+
+
+def test_validate_names_what_processes_ignore_and_where(tree):
+    (tree / "services/maps").mkdir(parents=True)
+    for name, mode in (("arm", "none"), ("base", "host"), ("lidar", "service:base")):
+        (tree / f"services/{name}.yaml").write_text(
+            f"apiVersion: rorg/v1\nkind: Service\nmetadata: {{name: {name}}}\nspec:\n  image: debian\n"
+            f"  command: [sleep, '9']\n  mounts: ['maps:/maps']\n"
+            f"  container:\n    volumes: ['/srv:/srv']\n    network_mode: {mode}\n"
+        )
+    assert not [d for d in validate(tree) if "process engine" in d["message"]]
+    told = [d for d in validate(tree, "--engine", "process") if "process engine" in d["message"]]
+    assert {(d["severity"], d["line"], d["column"], d["message"], d["remedy"]) for d in told} == {
+        ("warning", 7, 3, FILES.format("mounts"), "paths of this machine in the command"),
+        ("warning", 9, 5, FILES.format("volumes"), "paths of this machine in the command"),
+        ("warning", 10, 19, f"{IGNORED} network_mode: none: {NETWORK}", "network_mode: host"),
+    }
+    assert [Path(d["file"]).stem for d in told if "network_mode" in d["message"]] == ["arm"]
+
+
 def test_the_loop_refuses_a_tree_without_its_program_until_it_is_there(tmp_path):
     robot = RorgProcess(tmp_path, {"arm": {"always_on": True}}).start()
     try:
