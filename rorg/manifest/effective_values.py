@@ -8,7 +8,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from rorg.manifest.documents import Source
-from rorg.manifest.field_texts import FieldText, inline, written
+from rorg.manifest.field_texts import FieldText, inline, written, written_mapping
 from rorg.manifest.yaml_source import Use
 from rorg.model.diagnostics import Where
 
@@ -62,7 +62,8 @@ class Level:
     def value(self, field: str, told: FieldText, value: Any, *path: str | int) -> Value:
         """A value at a path of this manifest."""
         plain = [_plain(item) for item in value] if isinstance(value, list) else _plain(value)
-        text = written(plain, told.form) if not isinstance(plain, dict | list) else inline(plain)
+        mapping = isinstance(plain, dict | list)
+        text = inline(written_mapping(plain, told.model)) if mapping else written(plain, told.form)
         document = self.source.document
         path = written_at(document.value, path)
         used = tuple(dict.fromkeys(u for at, us in document.filled.items() if at[: len(path)] == path for u in us))

@@ -79,7 +79,29 @@ def written(value: Any, kind: str) -> str:
         return next(f"{value // size}{unit}" for size, unit in _UNITS if value % size == 0)
     if isinstance(value, float):
         return f"{value:g}"
+    if isinstance(value, dict | list):
+        return inline(value)
     return value if isinstance(value, str) else json.dumps(value)
+
+
+def written_mapping(value: Any, model: type[BaseModel] | None) -> Any:
+    """A mapping or a list of the plain values of a model, with durations, sizes and numbers as people write them."""
+    if isinstance(value, list):
+        return [written_mapping(item, model) for item in value]
+    if not isinstance(value, dict):
+        return value
+    return {key: _written_part(part, fields_of(model).get(key) if model else None) for key, part in value.items()}
+
+
+def _written_part(value: Any, field: FieldText | None) -> Any:
+    if isinstance(value, dict | list):
+        return written_mapping(value, field.model if field else None)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return value
+    kind = next((k for k in ("duration", "size") if field and k in field.form.split(" | ")), "")
+    if kind:
+        return written(value, kind)
+    return int(value) if value == int(value) else value
 
 
 _UNITS = ((1 << 30, "Gi"), (1 << 20, "Mi"), (1 << 10, "Ki"), (1, ""))

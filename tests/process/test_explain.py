@@ -208,6 +208,27 @@ def test_every_value_has_its_source(tree):
     assert next(v.value for v in effective(tree, "arm") if v.field == "idle.linger") == 20.0
 
 
+def test_mappings_are_shown_as_people_write_them(tree):
+    manifest = tree / "services/leg.yaml"
+    spec = {
+        "image": "robot",
+        "idle": {"action": "pause", "escalate": {"after": "4s", "action": "stop"}},
+        "ready": {"all": [{"file": "/x", "interval": "2s"}, {"file": "/y"}]},
+        "container": {
+            "healthcheck": {"test": ["CMD", "true"], "interval": "5s"},
+            "volumes": [{"type": "tmpfs", "target": "/t", "tmpfs": {"size": "1Gi"}}],
+        },
+    }
+    head = {"apiVersion": "rorg/v1", "kind": "Service", "metadata": {"name": "leg"}}
+    manifest.write_text(yaml.safe_dump({**head, "spec": spec}))
+    found = {v.field: v.text for v in effective(tree, "leg")}
+    assert found["idle.escalate"] == "{after: 4s, action: stop}"
+    assert found["ready.all"] == "[{file: /x, interval: 2s}, {file: /y}]"
+    assert found["container.healthcheck"] == "{test: [CMD, 'true'], interval: 5s}"
+    assert found["container.volumes[0]"] == "{type: tmpfs, target: /t, tmpfs: {size: 1Gi}}"
+    assert "DEFAULT  [lost, quarantined, failed" in rorg("policy.notify.on", at=tree.parent).stdout
+
+
 @pytest.mark.slow
 def test_what_holds_is_what_the_service_has():
     """Of every service of a whole robot: each value of the container is there once, from who rorg says declares it."""
