@@ -79,14 +79,17 @@ def command(
 def _between(context: Context, rev: str, service: str, unified: bool, output: str) -> None:
     """Shows what changed between two states from the history, A..B; an empty name is HEAD, as with git."""
     from rorg.core.changed_fields import manifest_changes
+    from rorg.host.git_edit import SHORT
+    from rorg.host.git_process import git_command
 
-    if unified or output == "wide":
-        why = "two states of the manifests have no containers and no steps"
-        raise Invalid(f"compare {rev} in that form", why, f"`git diff {rev}`")
     context.here("compare states of the manifests")
     before, _, after = rev.partition("..")
     tree = tree_of(context)
     old, new = (past_of(context, tree, name or "HEAD") for name in (before, after))
+    if unified or output == "wide":
+        why = "two states of the manifests have no containers and no steps"
+        command = git_command(context.root, "diff", f"{old.commit[:SHORT]}..{new.commit[:SHORT]}", "--", ".")
+        raise Invalid(f"compare {rev} in that form", why, f"`{command}`")
     changes = [
         c for c in manifest_changes(old.desired, new.desired) if not service or (c.kind, c.name) == ("Service", service)
     ]

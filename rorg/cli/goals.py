@@ -20,6 +20,7 @@ from rorg.errors import Missing, Refused, RorgError
 from rorg.history.revisions import Revision, parse
 from rorg.host.git import commit_of
 from rorg.host.git_edit import SHORT, subject_of
+from rorg.host.git_process import git_command
 from rorg.model.units import parse_since, stamp
 
 SHORTEST = 7
@@ -133,12 +134,13 @@ class Known:
             if not doubt:
                 return revision
             doubts[revision.number] = doubt
-        raise self._no_goal(doubts)
+        raise self._no_goal(doubts, root)
 
-    def _no_goal(self, doubts: Mapping[int, str]) -> Refused:
+    def _no_goal(self, doubts: Mapping[int, str], root: Path) -> Refused:
         """The error if no revision can be trusted, with the doubt about each."""
         what, service = f"roll {self.service} back" if self.service else "roll back", f" --service {self.service}"
-        remedy = f"`rorg rollback REV{service * bool(self.service)}`, with a REV of `rorg history` or `git log`"
+        log = git_command(root, "log")
+        remedy = f"`rorg rollback REV{service * bool(self.service)}`, with a REV of `rorg history` or `{log}`"
         unchanged = [set(row.get("unchanged", ())) for row in self.earlier.values()]
         same = sorted(set.intersection(*unchanged)) if unchanged else [self.service] * bool(self.service)
         if same:
@@ -167,7 +169,8 @@ def goal_of(text: str, revisions: Known, root: Path, differs: Differs = lambda _
     commit = commit_of(root, revision)
     if not commit:
         why = "no such number in `rorg history`, and git knows no such commit, tag or branch"
-        raise Missing(f"find the revision '{text}'", why, "`rorg history`, or `git log`")
+        remedy = f"`rorg history`, or `{git_command(root, 'log')}`"
+        raise Missing(f"find the revision '{text}'", why, remedy)
     return Goal(commit, revision, subject_of(root, commit), revisions.doubt_about(commit))
 
 

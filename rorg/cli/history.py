@@ -22,6 +22,13 @@ TAKEN = {"list": (0, 0), "show": (1, 1), "diff": (1, 2), "export": (0, 0)}
 FORMATS = ("jsonl", "protobuf")
 MOST = 1000
 
+Revs = Annotated[
+    list[str],
+    typer.Argument(
+        help="Numbers from the list, or commits as in git: a hash, a tag, HEAD~2.", autocompletion=complete_revisions
+    ),
+]
+
 
 def command(
     context: Robot,
@@ -29,13 +36,7 @@ def command(
         Literal["list", "show", "diff", "export"],
         typer.Argument(help="list, show REV, diff REV [REV] (default: the newest), or export."),
     ] = "list",
-    revisions: Annotated[
-        list[str],
-        typer.Argument(
-            help="Numbers from the list, or commits as in git: a hash, a tag, HEAD~2.",
-            autocompletion=complete_revisions,
-        ),
-    ] = [],  # noqa: B006
+    revisions: Revs = [],  # noqa: B006
     *,
     number: Annotated[
         int, typer.Option("-n", "--number", help="For list: how many of the newest.", min=1, max=MOST)

@@ -136,6 +136,8 @@ def _committed(directory: Path, written: list[str]) -> str:
     """Commits what is written to git with the user's identity; a text about the result."""
     import subprocess
 
+    from rorg.host.git_process import git_command
+
     def git(*words: str) -> bool:
         return subprocess.run(["git", "-C", directory, *words], capture_output=True).returncode == 0
 
@@ -144,6 +146,7 @@ def _committed(directory: Path, written: list[str]) -> str:
             return ""
         git("add", "--", *written)
         done = git("commit", "--quiet", "--message", "A first robot", "--", *written)
-        return ", in git" if done else "; commit it: `git commit -am 'A first robot'`"
+        command = git_command(directory, "commit", "--all", "--message", "A first robot")
+        return ", in git" if done else f"; commit it: `{command}`"
     except OSError:  # there is no git here; rorg works without it
         return ""

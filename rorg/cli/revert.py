@@ -14,6 +14,7 @@ from rorg.cli.goals import Goal
 from rorg.cli.output import note
 from rorg.errors import Refused
 from rorg.host.git_edit import SHORT, Restoring, changed, top_of, unknown
+from rorg.host.git_process import git_command
 from rorg.model.catalog import Catalog
 from rorg.model.codes import CONFIRM
 
@@ -92,7 +93,7 @@ def all_committed(root: Path, robot: str) -> None:
 def _refuse_to_lose(top: Path, files: list[str]) -> None:
     """Raises Refused if there are files that are not committed."""
     if files:
-        remedy = f"`git -C {top} commit`, or `stash --include-untracked`"
+        remedy = f"`{git_command(top, 'stash', '--include-untracked')}`, or a commit of them"
         raise Refused("go back", f"not committed: {_listed(files)}", remedy)
 
 

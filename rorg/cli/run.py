@@ -273,24 +273,24 @@ def followed(directory: Path | None, git: str, path: str, committed: bool, signe
     if committed:
         return _own(directory or Path("manifests"), path, trusted)
     try:
-        repository = remote(git)
+        return Followed(remote(git), _inner(path), trusted)
     except ValueError as error:
         raise Invalid(f"follow {without_user(git)}", str(error), "REPO or REPO@BRANCH") from error
-    return Followed(repository, _inner(path), trusted)
 
 
 def _own(directory: Path, path: str, signers: Path | None) -> Followed:
     """The repository that a directory is in, wherever it is at."""
     from rorg.host.git_cache import Followed
-    from rorg.host.git_process import repository
+    from rorg.host.git_process import git_command, repository
     from rorg.host.git_remote import Remote
 
     git_path = repository(directory)
     if git_path is None or not directory.is_dir():
         why = "it is not in a git repository" if directory.is_dir() else "no such directory"
-        raise Invalid(f"follow the commits of {directory}", why, "`git init` and a commit, or no --committed")
-    inner = directory.resolve().relative_to(git_path.parent) / _inner(path)
-    return Followed(Remote(str(git_path.parent)), str(inner), signers, forward=False)
+        remedy = f"`{git_command('/', 'init', os.path.abspath(directory))}` and a commit, or no --committed"
+        raise Invalid(f"follow the commits of {directory}", why, remedy)
+    top = git_path.parent
+    return Followed(Remote(str(top)), str(directory.resolve().relative_to(top) / _inner(path)), signers, forward=False)
 
 
 def _inner(path: str) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import shlex
 import socket
 import time
 from collections.abc import Mapping
@@ -102,7 +103,7 @@ def refusal(directory: Path) -> str:
         return ""
     return (
         f"git does not trust {git_path.parent}, since it is another user's: its revision is not known, and nothing is "
-        f"committed there; try `git config --global --add safe.directory {git_path.parent}`"
+        f"committed there; try `git config --global --add safe.directory {shlex.quote(str(git_path.parent))}`"
     )
 
 

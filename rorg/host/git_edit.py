@@ -13,7 +13,7 @@ from pathlib import Path
 from rorg.errors import Refused
 from rorg.host.git import COMMIT_PATIENCE, LONGEST, identity
 from rorg.host.git_objects import said
-from rorg.host.git_process import MISSING, ask_git, git_text, owner_of
+from rorg.host.git_process import MISSING, ask_git, git_command, git_text, owner_of
 from rorg.host.person import Person
 
 SHORT = 12
@@ -27,7 +27,8 @@ def top_of(directory: Path) -> Path:
     top = said(directory, "rev-parse", "--show-toplevel")
     if not top:
         why = f"{directory} is in no git repository that this user may read"
-        raise Refused(f"commit in {directory}", why, f"`git -C {directory} status` for the reason, or `git init`")
+        status, init = (git_command(directory, word) for word in ("status", "init"))
+        raise Refused(f"commit in {directory}", why, f"`{status}` for the reason, or `{init}`")
     return Path(top)
 
 
@@ -64,7 +65,6 @@ class Restoring:
     def commands(self, clone: bool = False) -> list[str]:
         """The same for a shell, line by line; in a `clone` with the push that publishes it. Empty if nothing has these
         paths. Raises Refused."""
-        place = [] if clone else ["-C", str(self.top)]
         there = self._there("HEAD")
         paths = ["--", *(f":(literal){p}" if MAGIC & set(p) else p for p in there)]
         lines = [
@@ -72,7 +72,7 @@ class Restoring:
             ["commit", f"--message={self.message}", *paths],
             *([["push"]] if clone else []),
         ]
-        return [shlex.join(["git", *place, *words]) for words in lines if there]
+        return [shlex.join(["git", *words]) if clone else git_command(self.top, *words) for words in lines if there]
 
     def commit(self, person: Person, environment: Mapping[str, str]) -> str:
         """Make the commit on top of the current one, as this person. Return it in full; nothing refers to it. Empty if
@@ -127,5 +127,5 @@ def _asked(top: Path, what: str, *words: str, environment: Mapping[str, str] | N
     said = ask_git(top, *words, patience=COMMIT_PATIENCE, environment=more, errors=told)
     if not said.yes:
         why = said.text if told or said.code == MISSING else f"`git {words[0]}` ends with {said.code}"
-        raise Refused(what, why, f"`git -C {top} status`")
+        raise Refused(what, why, f"`{git_command(top, 'status')}`")
     return said.text

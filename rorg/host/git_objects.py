@@ -16,7 +16,7 @@ from typing import IO, NamedTuple
 
 from rorg.errors import TimedOut, Unreachable
 from rorg.host.commands import end
-from rorg.host.git_process import begin_git, owner_of, repository
+from rorg.host.git_process import begin_git, git_command, owner_of, repository
 
 PATIENCE = 60.0
 """Seconds for one question to git: it may be about all files."""
@@ -65,7 +65,7 @@ def _asked(directory: Path, args: Sequence[str], stdin: int | IO[bytes]) -> Iter
             end(process, signal.SIGTERM)
             raise TimedOut(what, f"no answer to `git {args[0]}` within {PATIENCE:g} s", "again") from error
         if code:
-            raise Unreachable(what, f"`git {' '.join(args)}` fails", f"it in {directory}")
+            raise Unreachable(what, f"`git {' '.join(args)}` fails", f"`{git_command(directory, *args)}`")
         file.seek(0)
         yield file
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pwd
+import shlex
 import signal
 import subprocess
 import threading
@@ -49,6 +50,11 @@ class Said:
     @property
     def yes(self) -> bool:
         return self.code == 0
+
+
+def git_command(directory: Path | str, *words: str) -> str:
+    """A command of git for a person, who may be in any directory, with quotes for a shell."""
+    return shlex.join(["git", "-C", os.path.abspath(directory), *words])
 
 
 def repository(directory: Path) -> Path | None:

@@ -18,6 +18,7 @@ from pathlib import Path
 
 from rorg.errors import Invalid, Unreachable
 from rorg.host.git_objects import LINK, MODULE, Entry, contents, entries, read, said, words
+from rorg.host.git_process import git_command
 
 LARGE = "/var/tmp"
 """For files that are larger or stay longer than those of /tmp (Filesystem Hierarchy Standard 5.15)."""
@@ -156,14 +157,16 @@ def resolved(root: Path, text: str) -> str:
     what = f"read the manifests of '{text}'"
     if not said(root, "rev-parse", "--show-toplevel"):
         why = f"{root} is in no git repository that this user may read"
-        raise Invalid(what, why, f"`git init {root}` and a commit, or `git -C {root} status` for the reason")
+        init, status = (git_command(root, word) for word in ("init", "status"))
+        raise Invalid(what, why, f"`{init}` and a commit, or `{status}` for the reason")
     # An option is no commit, and must not reach git.
     odd = text.startswith("-") or "\0" in text
     commit = "" if odd else said(root, "rev-parse", "--verify", "--quiet", f"{text}^{{commit}}")
     if not commit:
         names = said(root, "for-each-ref", "--format=%(refname:short)").splitlines()
         near = difflib.get_close_matches(text, names, 1)
-        raise Invalid(what, "git knows no such commit, tag or branch", f"'{near[0]}'" if near else "`git log`")
+        remedy = f"'{near[0]}'" if near else f"`{git_command(root, 'log')}`"
+        raise Invalid(what, "git knows no such commit, tag or branch", remedy)
     return commit
 
 

@@ -178,7 +178,8 @@ def test_what_was_good_and_then_fails_says_so(mounted):
     said = mounted.rollback("--yes", code=5)
     assert "\n  2: it does not change what fails now: other" in said, "whatever was read before it was committed"
     assert "\n  1: other never ran as declared then\n" in said
-    assert said.endswith("\ntry `rorg rollback REV`, with a REV of `rorg history` or `git log`\n")
+    log = f"git -C {mounted.tree} log"
+    assert said.endswith(f"\ntry `rorg rollback REV`, with a REV of `rorg history` or `{log}`\n")
 
 
 @pytest.mark.slow

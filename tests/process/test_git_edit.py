@@ -162,6 +162,16 @@ def test_it_is_by_whom_git_knows_else_by_the_user(repository, first, tmp_path_fa
     assert author(NOBODY) == "Dan <dan@lab>, Dan"
 
 
+def test_a_remedy_works_as_printed_from_any_directory(tmp_path, monkeypatch):
+    (tmp_path / "a robot's").mkdir()
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(Refused) as told:
+        top_of(Path("a robot's"))
+    command = told.value.remedy.split("`")[3]
+    subprocess.run(["sh", "-c", command], cwd="/", check=True, capture_output=True)
+    assert top_of(Path("a robot's")) == tmp_path / "a robot's"
+
+
 def test_no_repository_is_told(tmp_path):
     with pytest.raises(Refused, match="`git rev-parse` ends with 128; try `git -C"):
         Restoring(tmp_path, "abc", (".",), "Back").commit(NOBODY, ANN)

@@ -303,7 +303,7 @@ def test_without_a_goal_five_revisions_are_named_with_why_each_was_not_taken(fre
         "  9: arm never ran as declared then",
         *(f"  {number}: arm failed in it (ended with exit code {number})" for number in (8, 7, 6, 5)),
         "  and 4 earlier",
-        "try `rorg rollback REV`, with a REV of `rorg history` or `git log`",
+        f"try `rorg rollback REV`, with a REV of `rorg history` or `git -C {fresh.tree} log`",
     ]
 
 
@@ -319,7 +319,7 @@ def test_nothing_earlier_differs_in_what_fails(fresh):
     marker.unlink()
     fresh.kill("arm")
     stands(fresh, second, "failed")
-    why, remedy = "nothing earlier differs in arm", "with a REV of `rorg history` or `git log`"
+    why, remedy = "nothing earlier differs in arm", f"with a REV of `rorg history` or `git -C {fresh.tree} log`"
     told = f"rorg: cannot roll back: {why}; fix arm, or try `rorg rollback REV`, {remedy}\n"
     assert rorg(fresh, "rollback", "--yes", code=5) == told
 

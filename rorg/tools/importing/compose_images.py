@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from rorg.host.git_process import git_command
 from rorg.model.image_names import NAME, plain, stem
 from rorg.tools.compose.forms import is_remote
 from rorg.tools.importing.compose_keys import BUILD
@@ -65,7 +66,7 @@ def _not_here(said: Mapping[str, Any]) -> str:
 def _use_ready_made(work: Work, name: str, image: str, why: str) -> None:
     """Reports that nothing builds the image of a service, which must then be on the machine or in a registry."""
     place = ("services", name, "build", "context")
-    remedy = "to run `git submodule update --init` if it is a submodule, and import again"
+    remedy = f"to run `{git_command(work.top, 'submodule', 'update', '--init')}` if it is a submodule, and import again"
     if image:
         work.warn(
             f"{why}, so nothing builds {image}: it must be on this machine or in a registry", *place, remedy=remedy
