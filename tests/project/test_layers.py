@@ -180,6 +180,7 @@ def test_every_file_is_in_a_room():
                 ("manifest", "profiles"),
                 ("web", "page"),
                 ("cli", "first_robot"),
+                ("cli", "fields.txt"),
             ), inner
 
 

@@ -6,6 +6,7 @@ import re
 import runpy
 import subprocess
 import tomllib
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -123,6 +124,14 @@ def test_the_workflow_tries_all_pythons_and_runs_everything():
     for called in re.findall(r"^make (.*)", commands, re.M):
         words = {word for word in called.partition("ARGS=")[0].split() if "=" not in word}
         assert words <= targets("Makefile"), called
+
+
+def test_of_deprecations_only_those_of_forks_are_ignored():
+    said = "This process (pid=7) is multi-threaded, use of {}() may lead to deadlocks in the child."
+    with warnings.catch_warnings(record=True) as seen:
+        for text in (said.format("fork"), said.format("forkpty"), "something else"):
+            warnings.warn(text, DeprecationWarning, stacklevel=1)
+    assert [str(warning.message) for warning in seen] == ["something else"]
 
 
 @pytest.mark.parametrize("path", FORMS, ids=lambda path: path.name)
