@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from rorg.core.decide import Decision
 from rorg.core.memory import Progress
 from rorg.core.observed import Container
+from rorg.core.operations import Create
 from rorg.core.plan import Action, Part
 from rorg.core.wanted import chain
 from rorg.model.graph import closure
@@ -60,14 +61,19 @@ def losses(before: Mapping[str, str], now: Mapping[str, str], decision: Decision
 
 
 def _ending(decision: Decision) -> dict[str, Action | None]:
-    """Return services whose run rorg is about to end -> the action, if there is one already."""
+    """Return services whose run rorg is about to end -> the action, if there is one already. A run goes on at least
+    until its next container is there, which the engine may be unable to make."""
     restarting: dict[str, Action | None] = dict.fromkeys(
         n for n, run in decision.situation.restarts.items() if run == decision.memory.of(n).incarnation
     )
     planned = () if decision.situation.suspended or decision.violations else decision.plan.actions
     under_way = [flight.action for flight in decision.memory.in_flight.values()]
+    actions = (*planned, *under_way)
+    to_be_made = {a.service for a in actions if isinstance(a.operation, Create)}
     return restarting | {
-        a.service: a for a in (*planned, *under_way) if a.ends_run(decision.memory.of(a.service).incarnation)
+        a.service: a
+        for a in actions
+        if a.service not in to_be_made and a.ends_run(decision.memory.of(a.service).incarnation)
     }
 
 

@@ -56,6 +56,22 @@ def test_a_crash_names_the_run_and_the_requests(robot):
     assert one.requests == ("developer/test",)
 
 
+def test_what_runs_on_because_its_next_container_cannot_be_made_is_no_loss(robot):
+    before = begin(robot, {"base": {}}, "base")
+    robot.sim.faults.fail["create", "base"] = ["no space left on the device"] * 3
+    robot.declare({"base": {"command": ["another"]}})
+    robot.wait(lambda: "no space left" in robot.waits("base"))
+    seen: list[Loss] = []
+
+    def told() -> bool:
+        seen.extend(losses(before, ready_runs(robot.sim.decision), robot.sim.decision))
+        return not robot.sim.faults.fail["create", "base"]
+
+    robot.wait(told)
+    assert seen == []
+    assert lost(robot, before)[0].cause == "replaced"
+
+
 def test_what_no_request_uses_is_no_loss(robot):
     before = begin(robot, {"base": {}, "lamp": {"always_on": True}}, "base")
     robot.kill("lamp")
