@@ -60,6 +60,7 @@ def ids(robot) -> set[str]:
 # -- a request that waits for its answer ------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_request_is_kept_while_its_answer_waits_and_released_without_one(robot):
     began, asked = time.monotonic(), []
     caller = threading.Thread(target=lambda: asked.append(robot.client().request("slow", id="long", ttl=0.6, wait=30)))
@@ -157,6 +158,7 @@ def test_a_lease_is_kept_as_long_as_the_block_runs(robot):
 # -- restarts of rorg ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kill", [False, True], ids=["SIGTERM", "SIGKILL"])
 def test_who_waits_goes_on_by_itself_when_rorg_is_ended(robot, kill):
     told: list[str] = []
@@ -356,6 +358,7 @@ def test_why_something_is_lost_is_a_word(robot):
         assert held.losses[0].cause == "ceased"
 
 
+@pytest.mark.slow
 def test_what_was_lost_while_rorg_was_away_is_told_too(robot):
     async def main() -> list[Loss]:
         client = AsyncClient(robot.socket())

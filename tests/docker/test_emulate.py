@@ -206,6 +206,7 @@ def test_what_is_interrupted_leaves_nothing_but_what_was_saved(tmp_path, files, 
     assert left_behind(tmp_path / "temporary", PREFIX) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("args", "told"),
     [

@@ -74,6 +74,7 @@ def test_a_program_that_is_not_there_gives_127(robot):
     assert b"no such program; try" in rorg(robot, "exec", "arm", "--", "nosuch", code=127).stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "code", "told"),
     [

@@ -75,6 +75,7 @@ def test_a_restart_adopts_what_runs(daemon):
     assert {c.service: c.incarnation for c in robot.containers()} == before
 
 
+@pytest.mark.slow
 def test_requests_of_a_service_survive_a_restart_of_rorg(daemon):
     robot = daemon.robot
     daemon.start()

@@ -39,6 +39,7 @@ def read_back(document: RequestsDocument) -> RequestsDocument:
     return replace(again, requests=tuple(replace(r, where=Where("")) for r in again.requests))
 
 
+@pytest.mark.slow
 @given(IDS, NAMES, BODIES, st.none() | st.just(RUN))
 def test_a_request_is_read_back_as_it_was_accepted(id, requester, body, run):
     try:
@@ -84,6 +85,7 @@ LARGE = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("services", "reason"), LARGE.values(), ids=LARGE)
 def test_at_every_limit_the_file_is_read_back_whole(services, reason):
     document = as_much_as_possible(SERVICES, services, reason)

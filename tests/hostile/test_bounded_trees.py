@@ -47,6 +47,7 @@ def errors(root) -> list[str]:
     return [str(d).replace(f"{root}/", "") for d in loaded(root).errors]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("unit", UNITS.values(), ids=UNITS)
 def test_no_text_of_the_tree_takes_long(tmp_path, unit):
     text = (unit * SIZE)[:SIZE]
@@ -143,6 +144,7 @@ LISTS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spec", LISTS.values(), ids=LISTS)
 def test_no_list_takes_long(tmp_path, spec):
     volumes = {f"map{n}": {} for n in range(50)}

@@ -39,6 +39,7 @@ def test_every_target_is_fuzzed():
     assert sorted(NAMES) == sorted(TARGETS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_a_target_takes_what_it_begins_with(name, targets):
     for data in targets(name).seeds():

@@ -88,6 +88,7 @@ def projects(folder: Path, files: dict[str, str], words: tuple[str, ...], attemp
     return one
 
 
+@pytest.mark.slow
 @pytest.mark.fuzz
 def test_mutated_launch_files_are_imported_or_refused(tmp_path):
     def attempt(case: Case) -> None:

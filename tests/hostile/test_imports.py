@@ -90,6 +90,7 @@ LAUNCHES = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", LAUNCHES.values(), ids=LAUNCHES)
 def test_an_import_of_any_launch_file_ends_in_words(folder, make):
     make(folder)
@@ -205,6 +206,7 @@ def test_a_unit_that_is_a_pipe_or_a_device_is_told(folder):
     assert "not a regular file" in imported(folder, "systemd", "b.service").out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "said",
     [

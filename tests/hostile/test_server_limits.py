@@ -68,6 +68,7 @@ def test_silent_peers_on_tcp_take_no_descriptor_that_the_loop_needs(robot):  # n
     robot.others()
 
 
+@pytest.mark.slow
 def test_nobody_gets_more_than_half_of_the_room_that_is_left(robot):  # noqa: F811
     alpha, gamma = (lambda n=name: connect(robot.socket(n)) for name in ("alpha", "gamma"))
     with many(250, alpha), many(250, gamma), many(250, lambda: connect(robot.socket())):
@@ -166,6 +167,7 @@ def test_bodies_that_never_end_are_few(robot):  # noqa: F811
         robot.others()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", ["/v1/services", "/v1/events?cursor=0", "/v1/events?cursor=0&follow=true"])
 def test_answers_that_nobody_reads_are_not_kept(robot, path):  # noqa: F811
     with many(100, lambda: connect(robot.socket("alpha"))) as deaf:
@@ -403,6 +405,7 @@ def test_a_line_of_a_long_journal_is_found_at_once(tmp_path):
     assert [e["seq"] for e in journal.after(19_999, 3)] == [20_000]
 
 
+@pytest.mark.slow
 def test_a_person_is_never_told_to_wait(near):
     client = Client(near.socket(), patience=0.0)
     for _ in range(50):

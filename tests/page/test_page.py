@@ -351,6 +351,7 @@ def ended(connection: socket.socket) -> bool:
     return True
 
 
+@pytest.mark.slow
 def test_calls_that_wait_delay_no_other(ui):
     waits = []
     try:
@@ -401,6 +402,7 @@ def test_another_page_can_neither_read_nor_send(robot, chromium, ui, tmp_path):
     assert robot.client().requests() == []
 
 
+@pytest.mark.slow
 def test_a_read_only_page_changes_nothing_whatever_it_sends(robot, chromium):
     ui = Ui(robot.socket(), "--read-only")
     try:
@@ -426,6 +428,7 @@ def test_a_read_only_page_changes_nothing_whatever_it_sends(robot, chromium):
         ui.close()
 
 
+@pytest.mark.slow
 def test_requests_that_are_held_are_told_once_and_those_that_are_gone_end(watched):
     def record(at: int, id: str, *services: str) -> dict[str, object]:
         return {"at": f"T{at}", "requester": "guide", "id": id, "services": list(services)}

@@ -87,6 +87,7 @@ def told(watched: Watched, service: str, button: str, *sentences: str) -> None:
     assert right(), found
 
 
+@pytest.mark.slow
 def test_a_request_names_what_starts_and_who_gives_way(robot, watched):
     bring_up(robot, "teleop", id="drive")
     gives_way = "Stops teleop, which gives way to camera (waits for hand, which is taken by camera)."

@@ -76,6 +76,7 @@ def typed(watched: Watched, more: str) -> str:
     return text
 
 
+@pytest.mark.slow
 def test_what_nobody_edits_is_loaded_anew(robot, watched):
     theirs = by_another(robot, "first")
     wait_for(lambda: text_of(watched) == theirs, 20, "their text")

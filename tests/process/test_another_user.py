@@ -126,6 +126,7 @@ def test_a_member_needs_nothing_but_the_socket(shared, line):
         assert "only the socket" in told
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("line", "environment"),
     [
@@ -162,6 +163,7 @@ def test_who_is_not_in_the_group_is_told_so(shared, line):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("line", ["wait base", "top --once", "events -f", "request base --wait"])
 def test_where_no_rorg_runs_it_says_how_to_get_one(shared, line):
     state = shared.folder / str(STRANGER) / "state"
@@ -176,6 +178,7 @@ def test_a_state_directory_that_nobody_serves_and_one_may_not_read(shared):
     assert f"you may not read {shared.robot.state}" in done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("line", ["get", "get requests", "validate", "diff"])
 def test_a_working_directory_that_one_may_not_enter(shared, line):
     """As that of root, after `sudo -u`."""

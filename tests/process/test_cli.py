@@ -289,6 +289,7 @@ def test_what_is_not_there_is_told_by_name(shell):  # noqa: F811
     assert "meta-service" in shell("restart", "developer", code=2).stderr
 
 
+@pytest.mark.slow
 def test_a_name_in_the_requests_file_that_means_nothing_is_told(shell):  # noqa: F811
     shell.run()
     shell("request", "roscore", "--id", "work")

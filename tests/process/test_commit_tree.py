@@ -246,6 +246,7 @@ def services(seconds: str) -> dict:
     return {"base": {"always_on": True, "command": command}, "arm": arm, "spare": {"needs": ["base"]}}
 
 
+@pytest.mark.slow
 def test_diff_to_a_commit_is_the_same_through_the_running_rorg_as_without(robot):
     lines = [("first",), ("HEAD~1", "-u"), ("HEAD~1", "-o", "wide"), (str(robot.tree), "HEAD", "-o", "json")]
     running = [rorg(robot, "diff", *line, code=1).stdout for line in lines]
@@ -283,6 +284,7 @@ def test_diff_outside_of_a_repository_says_what_is_missing(tmp_path, monkeypatch
     found.close()
 
 
+@pytest.mark.slow
 def test_two_states_are_compared_service_by_service_without_an_engine(robot):
     said = rorg(robot, "diff", "first..HEAD~1", "--engine", "docker", code=1).stdout.splitlines()
     assert [line.split()[:3] for line in said[1:]] == [

@@ -106,6 +106,7 @@ BROKEN = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("what", BROKEN)
 def test_a_graphviz_that_does_not_work_is_one_line_with_a_remedy(tmp_path, what):
     """On a bare Debian the libraries that pygraphviz loads are missing."""

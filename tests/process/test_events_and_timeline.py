@@ -331,6 +331,7 @@ def said(robot, *words: str, code: int = 0) -> str:
     return commands.rorg(*words, code=code, **environment).stdout
 
 
+@pytest.mark.slow
 def test_the_same_is_told_with_a_running_rorg_and_without(robot, reader, tmp_path):
     """The bad service would go on to fail: it is looked at up to a time."""
     robot.client().suspend(3600, "so that all stands still")
@@ -397,6 +398,7 @@ def test_an_export_from_an_rorg_that_is_not_there_says_so(tmp_path):
     assert done.stderr.startswith(f"rorg: cannot reach rorg on {tmp_path}/none.sock: ")
 
 
+@pytest.mark.slow
 def test_revisions_are_shown_and_compared_by_number_and_by_commit(tmp_path):
     robot = RealRobot(tmp_path, "process", None, with_server=True)
     try:

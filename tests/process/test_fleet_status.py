@@ -72,6 +72,7 @@ def test_two_hundred_robots_take_less_than_three_seconds(robot):
     assert took < 3 or os.getloadavg()[0] > 2
 
 
+@pytest.mark.slow
 def test_a_file_that_is_no_list_of_robots_is_refused(robot):
     for text in (
         "",

@@ -63,6 +63,7 @@ def texts(path: Path) -> set[str]:
     return {"".join(text.itertext()) for text in ElementTree.parse(path).iter("{http://www.w3.org/2000/svg}text")}
 
 
+@pytest.mark.slow
 def test_the_timeline_has_a_lane_for_all_that_ran_and_a_row_for_each_request(robot, tmp_path):
     rorg("plot", "timeline", "-o", tmp_path / "story.svg", "--state-dir", robot.state)
     told = texts(tmp_path / "story.svg")

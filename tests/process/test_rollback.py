@@ -131,6 +131,7 @@ def test_back_to_the_last_good_one(robot):
     assert made(robot) == robot.was
 
 
+@pytest.mark.slow
 def test_a_rollback_waits_until_its_goal_is_proven_again(running):
     """Its bake has just begun when everything is ready."""
     stands(running, commit(running, "three", {"arm": ends(7), "base": says(2)}), "failed")
@@ -141,6 +142,7 @@ def test_a_rollback_waits_until_its_goal_is_proven_again(running):
     assert "'soon' is not one of 'ready', 'proven'" in rorg(running, "rollback", "1", "--wait=soon", code=2)
 
 
+@pytest.mark.slow
 def test_one_service_alone(running):
     robot = running
     said = rorg(robot, "rollback", "HEAD~1", "--service", "arm", "--yes")
@@ -149,6 +151,7 @@ def test_one_service_alone(running):
     assert made(robot) == {"arm": robot.was["arm"], "base": robot.now["base"]}
 
 
+@pytest.mark.slow
 def test_one_service_goes_back_to_its_last_other_state_that_was_proven(running):
     stands(running, commit(running, "three", {"arm": ends(7), "base": says(2)}), "failed")
     third = commit(running, "four", {"arm": says(4), "base": says(4)})
@@ -168,6 +171,7 @@ def test_one_service_goes_back_to_its_last_other_state_that_was_proven(running):
     assert "cannot roll arm back: nothing earlier differs in arm" in told
 
 
+@pytest.mark.slow
 def test_one_service_goes_back_only_to_another_manifest(running):
     """The files that it mounts stay."""
     (running.tree / "services/conf").mkdir()
@@ -180,6 +184,7 @@ def test_one_service_goes_back_only_to_another_manifest(running):
     assert git(running, "log", "-1", "--format=%s") == f"Roll back arm to 2 ({running.second[:12]}): two"
 
 
+@pytest.mark.slow
 def test_the_printed_commands_do_the_same(running):
     robot = running
     lines = rorg(robot, "rollback", robot.first, "--print").splitlines()
@@ -197,6 +202,7 @@ def test_commands_that_would_drop_uncommitted_changes_are_not_printed(running):
     assert rorg(running, "rollback", "1", "--yes", code=5) == told
 
 
+@pytest.mark.slow
 def test_an_uncommitted_change_of_an_image_source_outside_of_the_manifests_counts_too(tmp_path):
     robot = Robot(tmp_path, "process", None)
     robot.tree.mkdir()
@@ -231,6 +237,7 @@ def test_twice_goes_further_back(running):
     assert "cannot roll back: no earlier revision is on record; try" in rorg(running, "rollback", "--yes", code=5)
 
 
+@pytest.mark.slow
 def test_what_fails_goes_back_although_a_good_change_of_another_service_came_later(running):
     stands(running, commit(running, "three", {"arm": ends(7), "base": says(2)}), "failed")
     stands(running, commit(running, "four", {"arm": ends(7), "base": says(4)}), "failed")
@@ -254,6 +261,7 @@ def test_a_revision_that_failed_for_an_earlier_change_names_that_change(running)
     assert f"revision 4 of the manifests failed: {reasons[4]}" in rorg(running, "events", "--tail", "100")
 
 
+@pytest.mark.slow
 def test_a_goal_changes_all_that_fails(running):
     third = commit(running, "three", {"arm": ends(7), "base": says(3)})
     stands(running, third, "failed")
@@ -263,6 +271,7 @@ def test_a_goal_changes_all_that_fails(running):
     assert git(running, "diff", running.second) == ""
 
 
+@pytest.mark.slow
 def test_what_never_was_well_holds_no_rollback_back(running):
     new = {"always_on": True, "needs": ["base"], "command": ["sh", "-c", "exit 9"]}
     third = commit(running, "three", {"arm": says(3), "base": says(2), "new": new})
@@ -275,6 +284,7 @@ def test_what_never_was_well_holds_no_rollback_back(running):
     running.wait(lambda: made(running)["arm"] == before)
 
 
+@pytest.mark.slow
 def test_what_was_well_and_fails_as_it_always_was_holds_a_rollback_back(running):
     """To undo the change of another service does not help."""
     marker = running.tree.parent / "marker"
@@ -290,6 +300,7 @@ def test_what_was_well_and_fails_as_it_always_was_holds_a_rollback_back(running)
     assert git(running, "diff", running.second) == ""
 
 
+@pytest.mark.slow
 def test_without_a_goal_five_revisions_are_named_with_why_each_was_not_taken(fresh):
     write_tree(fresh.tree, {"arm": says(1), "base": says(1)}, policies=POLICY)
     fresh.start()

@@ -75,6 +75,7 @@ def test_a_sweep_is_a_table_a_csv_and_a_picture(folder):
     assert (folder / "again.svg").read_text() == picture, "the same figures give the same picture"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "why"),
     [

@@ -180,6 +180,7 @@ def play(robot: RealRobot) -> list[set[str]]:
     return found
 
 
+@pytest.mark.slow
 def test_what_a_robot_was_asked_for_is_recorded_with_a_running_rorg_and_without(robot, tmp_path):
     play(robot)
     until = robot.loop.recorder.journal.after(0, 10_000)[-1]["at"]

@@ -18,6 +18,7 @@ OTHERS = [d for d in DEFECTS if d not in DEFECTS_OF_UNDO]
 SOME = DEFECTS if WHOLE else [*random.Random(SEED).sample(OTHERS, 4), *random.Random(SEED).sample(DEFECTS_OF_UNDO, 2)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("defect", SOME, ids=lambda defect: defect.name.replace(" ", "_"))
 def test_a_planted_defect_is_caught(defect, tmp_path):
     name = caught(defect, tmp_path)
