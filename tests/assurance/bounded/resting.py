@@ -44,9 +44,17 @@ def loops(watch: Watch) -> set[str]:
 
 
 def unanswered(watch: Watch) -> set[str]:
-    """Services with a bad probe that have no container that was proven with another one."""
-    robot, there = watch.robot, {c.id for c in watch.robot.engine.list()}
-    return {name for name in robot.bad_probes if robot.memory.of(name).update.well not in there}
+    """Services with a bad probe that have no container like the one that was proven with another probe."""
+    there: dict[str, set[str]] = {}
+    for container in watch.robot.engine.list():
+        there.setdefault(container.service, set()).update((container.id, container.digest))
+    return {name for name in watch.robot.bad_probes if not there.get(name, set()) & _proven(watch, name)}
+
+
+def _proven(watch: Watch, name: str) -> set[str]:
+    """The container of a service that stayed well last, and its digest."""
+    update = watch.robot.memory.of(name).update
+    return {update.well, update.last_good.digest if update.last_good else ""} - {""}
 
 
 def ended(watch: Watch, container: Container) -> bool:
@@ -153,10 +161,12 @@ def rivals(watch: Watch, name: str) -> set[str]:
 
 @at("rest")
 def one_container_of_a_service(watch: Watch) -> None:
-    """No service has a second container, except one that can be gone back to, or that the plan explains."""
+    """No service has a second container, except one that can be gone back to, or that the plan explains, or on which a
+    call is under way."""
+    explained = waiting(watch) | watch.robot.memory.in_flight.keys()
     for name in watch.robot.states().keys() & watch.services.keys():
         known = all_of(watch, name)
-        assert len(known) == 1 or name in waiting(watch) or kept(known), f"two containers of {name}"
+        assert len(known) == 1 or name in explained or kept(known), f"two containers of {name}"
 
 
 def kept(known: list[Container]) -> bool:

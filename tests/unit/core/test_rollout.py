@@ -226,7 +226,7 @@ def test_what_denies_its_old_probe_after_a_change_of_a_file_is_no_longer_ready()
     assert changes(ready, base(), **late) == lost(ready, "not ready within 30 s: refused", 127.0, **gone)
     was = replace(STARTING, update=as_before, was_ready=True, probe="refused")
     assert changes(was, base(), service=PROBED) == lost(was, "no longer ready: refused", was_ready=False)
-    for update in ({"quarantined": {"now": "bad"}}, {"baked": "now"}, {"well": "b" * 64}):
+    for update in ({"quarantined": {"now": "bad"}}, {"baked": "now"}, {"well": "b" * 64, "last_good": None}):
         known = replace(was, update=replace(as_before, **update))
         assert changes(known, base(), service=PROBED) == {}
     assert changes(was, base(digest="another"), service=PROBED) == {}
@@ -261,7 +261,10 @@ def test_what_was_proven_keeps_its_probes_until_others_are_tried_on_it():
     assert with_probes_in_force(another, update, base(), desired) is another, "they are tried on it"
     failed_now = replace(update, quarantined={"now": "bad"})
     assert with_probes_in_force(another, failed_now, base(), desired) == good
-    assert with_probes_in_force(another, replace(failed_now, well="b" * 64), base(), desired) is another
+    made_anew = replace(failed_now, well="b" * 64)
+    assert with_probes_in_force(another, made_anew, base(), desired) == good, "somebody removed the one that was proven"
+    differs = replace(made_anew, last_good=LastGood("another", good.ready, good.live))
+    assert with_probes_in_force(another, differs, base(), desired) is another
     assert with_probes_in_force(another, replace(failed_now, baked="now"), base(), desired) is another
     assert with_probes_in_force(another, failed_now, None, desired) is another
 
