@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import os
 import socket
@@ -19,7 +20,7 @@ from rorg.core.observed import Container
 from rorg.core.ros_parameters import ROLE
 from rorg.core.schedule import Target
 from rorg.engines.process.engine import ProcessEngine
-from rorg.errors import Unreachable
+from rorg.errors import EngineError, Unreachable
 from rorg.manifest.load import load
 from rorg.model.engines import Capabilities
 from rorg.model.probe import Probe
@@ -100,13 +101,25 @@ def test_a_program_that_hangs_is_restarted(real_robot, tmp_path):
     real_robot.wait(lambda: real_robot.status()["services"]["server"]["crashes"] == 1)
 
 
+def take_away(robot, container: str) -> bool:
+    """Stops and removes a container. Returns whether it is gone: rorg may have started it meanwhile."""
+    with contextlib.suppress(EngineError):
+        robot.engine.stop(container, "SIGKILL", 5.0)
+        robot.engine.remove(container)
+    return container not in {c.id for c in robot.engine.list()}
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("role", ["ready", "live"])
-def test_a_program_that_hangs_is_restarted_also_after_a_probe_that_failed(real_robot, tmp_path, role):
+@pytest.mark.parametrize(("role", "anew"), [("ready", False), ("live", False), ("ready", True), ("live", True)])
+def test_a_program_that_hangs_is_restarted_also_after_a_probe_that_failed(real_robot, tmp_path, role, anew):
     spec = server(tmp_path, real_robot, always_on=True, update={"bake": "200ms"})
     spec["live"] = {"file": spec["container"]["environment"]["ALIVE_FILE"], "interval": "500ms", "failures": 2}
     real_robot.declare({"server": spec})
     real_robot.wait(lambda: real_robot.status().get("runs", {}).get("server", {}).get("baked"))
+    if anew:  # somebody removes the container that was proven; the next one is like it
+        removed = real_robot.container("server").id
+        real_robot.wait(lambda: take_away(real_robot, removed))
+        real_robot.wait(lambda: real_robot.status()["runs"]["server"]["well"] not in ("", removed))
     before = real_robot.container("server").incarnation
     wrong = {"tcp": free_port(), "timeout": "1s"} if role == "ready" else {"tcp": free_port(), "interval": "200ms"}
     real_robot.declare({"server": {**spec, role: wrong}})
