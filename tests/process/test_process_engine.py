@@ -46,6 +46,11 @@ def start(engine, *command: str) -> str:
     return made
 
 
+def start_unless_removed(engine, container: str) -> None:
+    with contextlib.suppress(EngineError):
+        engine.start(container)
+
+
 def test_a_command_that_takes_too_long_is_ended_with_all_that_it_began(engine):
     container = start(engine, "sleep", "600")
     began = time.monotonic()
@@ -328,6 +333,23 @@ os.kill(os.getpid(), 9)
     wait_for(lambda: engine.inspect(container).state == "exited")
     assert engine.inspect(container).exit_code == 3
     assert _state(pid) in "ZX"
+
+
+def test_what_is_removed_while_it_starts_is_gone_or_was_not_removed(engine):
+    for _ in range(30):
+        made = engine.create("x", {"image": "x", "command": ["sleep", "600"]}, LABELS)
+        starting = threading.Thread(target=start_unless_removed, args=(engine, made))
+        starting.start()
+        refused = False
+        try:
+            engine.remove(made)
+        except EngineError:
+            refused = True
+        starting.join()
+        assert refused == bool(engine.list()), engine.list()
+        if refused:
+            engine.stop(made, "SIGKILL", 5.0)
+            engine.remove(made)
 
 
 def test_the_processes_of_a_killed_leader_end_at_once_or_before_the_next_run(engine):

@@ -173,15 +173,16 @@ class ProcessEngine:
         self.records.send(self.records.read(container), signal.Signals[name].value)
 
     def remove(self, container: str, volumes: bool = False) -> None:
-        try:
-            record = self.records.read(container)
-        except EngineError:
-            return
-        if self.records.state(record)[0] in ("running", "paused"):
-            raise EngineError(f"remove {record['name']}", "it runs", "to stop it first", "conflict")
-        self.records.clear(record)
-        self.records.children.pop(container, None)
-        shutil.rmtree(self.records.folder(container), ignore_errors=True)
+        with self._beginning[container]:  # a start that is under way would write the record again
+            try:
+                record = self.records.read(container)
+            except EngineError:
+                return
+            if self.records.state(record)[0] in ("running", "paused"):
+                raise EngineError(f"remove {record['name']}", "it runs", "to stop it first", "conflict")
+            self.records.clear(record)
+            self.records.children.pop(container, None)
+            shutil.rmtree(self.records.folder(container), ignore_errors=True)
         if self._names is not None:
             self._names.pop(container, None)
         self.changes.tell(container)
