@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from rorg.core.idle import risks
 from rorg.core.memory import STALLED_AFTER, Progress
 from rorg.core.plan import Action
+from rorg.core.probes_in_force import is_live_untried, is_ready_untried
 from rorg.core.rollout import has_come_up
 from rorg.core.ros_graph import graph_of
 from rorg.core.situation import Situation
@@ -78,8 +79,11 @@ def _updated(situation: Situation, name: str) -> tuple[Condition, ...]:
     if progress.update.failed:
         remedy = f"change it again, or `rorg retry {name}`"
         return (Condition("Updated", "False", "Quarantined", f"{progress.update.failed}; {remedy}"),)
-    if containers and containers[0].active and candidate(containers, progress.update):
-        service, looked = situation.desired.catalog.services[name], situation.observed.looked.get(containers[0].id)
+    service, current = situation.desired.catalog.services[name], containers[0] if containers else None
+    if any(untried(service, progress.update, current) for untried in (is_ready_untried, is_live_untried)):
+        return (Condition("Updated", "Unknown", "Baking", "its new probe is being tried"),)
+    if current and current.active and candidate(containers, progress.update):
+        looked = situation.observed.looked.get(current.id)
         up = has_come_up(progress, service, looked, situation.now)
         return (Condition("Updated", "Unknown", "Baking" if up else "OnTrial"),)
     return ()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from rorg.core.diff import REPLICAS, difference
 from rorg.core.observed import Container
+from rorg.core.probes_in_force import is_live_untried, is_ready_untried
 from rorg.core.situation import Situation
 from rorg.model.catalog import Service
 from rorg.model.codes import NO_IMAGE, VANISHED
@@ -47,9 +48,11 @@ def is_synced(situation: Situation, service: Service, current: Container | None)
     live = [option for option in found.live if option != "cpu_shares" or name not in situation.measures.lowered]
     if live and (situation.engine.update or REPLICAS in live):
         return False
-    read = situation.memory.of(name).update
+    update = situation.memory.of(name).update
+    if is_ready_untried(service, update, current) or is_live_untried(service, update, current):
+        return False  # only the probes changed, and they are on trial or failed
     contents = desired.contents.get(name, {})
-    return service.on_change == "none" or not current.alive or not read.changed_content(current, contents)
+    return service.on_change == "none" or not current.alive or not update.changed_content(current, contents)
 
 
 def _must_exist(situation: Situation, service: Service) -> bool:

@@ -94,7 +94,7 @@ class Status:
         well = ready.status == "True" and self.health not in (Health.PROGRESSING, Health.DEGRADED)
         waits = self.condition("Reconciling")
         if well and self.sync == "OutOfSync" and waits.status == "False":
-            return waits.message  # a change that is not made yet
+            return waits.message or self.condition("Updated").message  # a change that is not made yet, or on trial
         if well or not (self.wanted or self.health.kept_out):
             return self.condition("Cleared").message
         return waits.message or ready.message

@@ -157,11 +157,17 @@ def test_readiness_is_kept_while_a_new_probe_is_tried(virtual):
     later(virtual, 60)
     virtual.sim.deaf.add(WRONG)
     virtual.declare({"nav": {**WELL, "ready": {"tcp": 99, "timeout": "5s", "failures": 1}}, "tour": WELL})
-    while "its change failed" not in statuses(virtual)["nav"].trouble:
-        assert statuses(virtual)["nav"].condition("Ready").status == "True"
+    later(virtual, 1)
+    while "its change failed" not in (status := statuses(virtual)["nav"]).trouble:
+        assert (status.condition("Ready").status, status.sync) == ("True", "OutOfSync")
+        assert status.trouble == "its new probe is being tried"
         later(virtual, 1)
     later(virtual, 30)
-    assert statuses(virtual)["nav"].condition("Ready").status == "True"
+    status = statuses(virtual)["nav"]
+    assert (status.condition("Ready").status, status.sync) == ("True", "OutOfSync")
+    virtual.sim.deaf.clear()
+    virtual.declare({"nav": {**WELL, "ready": {"tcp": 98}}, "tour": WELL})
+    virtual.wait(lambda: statuses(virtual)["nav"].sync == "Synced")
 
 
 def test_what_comes_back_is_asked_as_it_was_when_it_was_proven(virtual):
