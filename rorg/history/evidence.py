@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from rorg.history.damage import check_types
 from rorg.history.database import Database
-from rorg.history.revisions import Revision, Revisions
+from rorg.history.revisions import Revision, Revisions, Span
 
 PROVEN, FAILS = "proven", "fails"
+ROLLBACK = re.compile(r"Roll back(?: \S+)? to (?:\S+ \()?([0-9a-f]{12})\)?:")
+"""The subject of a commit that a rollback made, with the commit that it led to."""
 SEARCHED = 1000
 """Revisions that are searched for one to return to, the newest first."""
 MOST = 20
@@ -84,8 +87,9 @@ def earlier_revisions(database: Database) -> list[Earlier]:
     """
     revisions, known = Revisions(database), Evidence(database).all()
     listed, force = revisions.list(SEARCHED), revisions.in_force()
+    fails = force is not None and force.standing == "failed"
     found: list[Earlier] = []
-    for number in _before(listed, force):
+    for number in _before(listed, {r.number: r.fingerprint for r in listed}, fails=fails):
         then = revisions.get(number)
         if then and force and sum(not e.doubt for e in found) < MOST:
             found.append(_judged(then, force, known))
@@ -94,49 +98,53 @@ def earlier_revisions(database: Database) -> list[Earlier]:
 
 def earlier_states(database: Database, service: str) -> list[Earlier]:
     """Return the revisions that a rollback of one service may return to, the newest first, up to MOST that can be
-    trusted. The service was different in them, and only its own verdict counts.
-
-    Rolling back twice goes further back, unless its present state fails or the manifests are refused.
-    """
+    trusted. The service was different in them, and only its own verdict counts."""
     revisions, known = Revisions(database), Evidence(database).all()
     listed, force, spans = revisions.list(SEARCHED), revisions.in_force(), revisions.spans(service)
-    if force is None:
-        return []
-    refused = listed[0].standing == "refused"
-    now = force.services[service].edition if service in force.services else ""
-    verdict = known.get((service, now))
-    fails = verdict is not None and verdict.code == FAILS
-    end = (
-        listed[0].number
-        if refused or fails
-        else min((s.first for s in spans if s.edition == now), default=force.number)
-    )
+    editions = {r.number: e for r in listed if (e := _edition_in(spans, r.number))}
+    verdict = known.get((service, editions.get(force.number, ""))) if force else None
     found: list[Earlier] = []
-    for revision in listed:
-        span = next((s for s in spans if s.first <= revision.number <= (s.last or revision.number)), None)
-        if revision.standing == "refused" or revision.number >= end or span is None:
-            continue
-        if (refused or span.edition != now) and sum(not e.doubt for e in found) < MOST:
-            found.append(Earlier(revision.number, _doubt_of({service: known.get((service, span.edition))})))
+    for number in _before(listed, editions, fails=verdict is not None and verdict.code == FAILS):
+        if number in editions and sum(not e.doubt for e in found) < MOST:
+            found.append(Earlier(number, _doubt_of({service: known.get((service, editions[number]))})))
     return found
 
 
-def _before(listed: Sequence[Revision], force: Revision | None) -> list[int]:
-    """Return the numbers of revisions from before the current one, the newest first.
+def _edition_in(spans: Iterable[Span], number: int) -> str:
+    """Return the edition that a service had in a revision; "" if it was not declared."""
+    return next((s.edition for s in spans if s.first <= number <= (s.last or number)), "")
 
-    Refused manifests are not in force: those before them are, so they are the first to return to. Otherwise revisions
-    with the content of the current one are left out. Unless that has failed, so is everything after the first of
-    these: rolling back twice goes further back.
+
+def _before(listed: Sequence[Revision], contents: Mapping[int, str], *, fails: bool) -> list[int]:
+    """Return the numbers of revisions from before the current one with other contents, the newest first. `contents`:
+    what identifies them, by number. `fails`: whether the current ones fail.
+
+    Refused manifests are not in force: those before them are, so they are the first to return to.
     """
-    if not listed or force is None:
+    in_force = [r for r in listed if r.standing != "refused"]
+    if not in_force:
         return []
-    refused = listed[0].standing == "refused"
-    same = {r.number for r in listed if r.fingerprint == force.fingerprint and r.standing != "refused"}
-    if refused:
-        end, same = listed[0].number, set()
-    else:
-        end = force.number if force.standing == "failed" else min(same)
-    return [r.number for r in listed if r.number < end and r.number not in same and r.standing != "refused"]
+    if listed[0].standing == "refused":
+        return [r.number for r in in_force]
+    now = contents.get(in_force[0].number)
+    end = in_force[0].number if fails else _origin(in_force, contents)
+    return [r.number for r in in_force if r.number < end and contents.get(r.number) != now]
+
+
+def _origin(in_force: Sequence[Revision], contents: Mapping[int, str]) -> int:
+    """Return the number of the revision in which the current contents began. If a rollback brought them back, they
+    began where it led, so that a second rollback goes further back, and not to what the first one left."""
+    begin, goal = in_force[0], ""
+    for revision in in_force:
+        if contents.get(revision.number) == contents.get(begin.number):
+            if not goal or revision.commit.startswith(goal):
+                begin, goal = revision, ""
+        elif not goal:
+            led = ROLLBACK.match(begin.subject)
+            if not led:
+                break
+            goal = led[1]
+    return begin.number
 
 
 def _judged(then: Revision, now: Revision, known: Mapping[tuple[str, str], Verdict]) -> Earlier:

@@ -237,7 +237,27 @@ def test_twice_goes_further_back(running):
     assert "cannot roll back: no earlier revision is on record; try" in rorg(running, "rollback", "--yes", code=5)
 
 
-@pytest.mark.slow
+def back(robot, *words: str) -> str:
+    """Rolls back, and waits until that is good; the subject of the commit."""
+    rorg(robot, "rollback", *words, "--yes")
+    good(robot, git(robot, "rev-parse", "HEAD"))
+    return git(robot, "log", "-1", "--format=%s").split(":")[0].split(" (")[0]
+
+
+@pytest.mark.parametrize("words", [(), ("--service", "arm")])
+def test_a_rollback_leads_to_the_last_other_contents_also_after_a_revert_to_the_first_ones(running, words):
+    git(running, "revert", "--no-edit", "HEAD")
+    good(running, git(running, "rev-parse", "HEAD"))
+    what = "Roll back arm" if words else "Roll back"
+    assert back(running, *words) == f"{what} to 2", "a revert is a change like others"
+    (running.tree / "readme.md").write_text("more")
+    git(running, "add", ".")
+    good(running, commit(running, "docs", {"arm": says(2), "base": says(1 if words else 2)}))
+    assert back(running, *words) == f"{what} to 1", "the second goes further back"
+    assert git(running, "diff", running.first, "--", "services/arm.yaml") == ""
+    assert "cannot roll" in rorg(running, "rollback", *words, "--yes", code=5), "there is nothing further back"
+
+
 def test_what_fails_goes_back_although_a_good_change_of_another_service_came_later(running):
     stands(running, commit(running, "three", {"arm": ends(7), "base": says(2)}), "failed")
     stands(running, commit(running, "four", {"arm": ends(7), "base": says(4)}), "failed")
