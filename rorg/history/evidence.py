@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from rorg.history.damage import check_types
 from rorg.history.database import Database
-from rorg.history.revisions import Revision, Revisions, Span
+from rorg.history.revisions import UNDER_WAY, Revision, Revisions, Span
 
 PROVEN, FAILS = "proven", "fails"
 ROLLBACK = re.compile(r"Roll back(?: \S+)? to (?:\S+ \()?([0-9a-f]{12})\)?:")
@@ -83,7 +83,8 @@ def earlier_revisions(database: Database) -> list[Earlier]:
 
     A revision can be trusted if each service that the rollback would change has been proven as it was then, and has not
     failed since, and if the rollback would change each service that fails now and was well once. Other services that
-    stay the same say nothing about it: a camera that never worked is broken in both.
+    stay the same say nothing about it: a camera that never worked is broken in both. While the current revision is not
+    proven yet, a superseded one cannot be trusted if it has the same unproven change.
     """
     revisions, known = Revisions(database), Evidence(database).all()
     listed, force = revisions.list(SEARCHED), revisions.in_force()
@@ -161,8 +162,12 @@ def _judged(then: Revision, now: Revision, known: Mapping[tuple[str, str], Verdi
 def _failing(editions: Mapping[str, str], known: Mapping[tuple[str, str], Verdict]) -> list[str]:
     """Return the services that fail in these editions, and were well once in any edition. Nothing on record mends
     others."""
-    well_once = {v.service for v in known.values() if v.proven_at}
+    well_once = _well_once(known)
     return [n for n, e in editions.items() if n in well_once and (v := known.get((n, e))) and v.code == FAILS]
+
+
+def _well_once(known: Mapping[tuple[str, str], Verdict]) -> set[str]:
+    return {v.service for v in known.values() if v.proven_at}
 
 
 def _doubt(then: Revision, now: Revision, known: Mapping[tuple[str, str], Verdict]) -> str:
@@ -171,6 +176,10 @@ def _doubt(then: Revision, now: Revision, known: Mapping[tuple[str, str], Verdic
     changed = {n: m.edition for n, m in then.services.items() if editions.get(n) != m.edition}
     if doubt := _doubt_of({name: known.get((name, edition)) for name, edition in changed.items()}):
         return doubt
+    same = {n: e for n, e in editions.items() if n in then.services and n not in changed}
+    pending = [n for n, e in same.items() if (n, e) not in known and n in _well_once(known)]
+    if pending and then.standing == "superseded" and now.standing in UNDER_WAY:
+        return f"{', '.join(pending)} was not proven in it"
     if changed or editions.keys() != then.services.keys() or then.standing == "good":
         return ""
     # Nothing that runs tells them apart, so the standing of the whole counts.

@@ -266,6 +266,26 @@ def test_what_fails_goes_back_although_a_good_change_of_another_service_came_lat
     assert made(running) == running.now
 
 
+def probed(seconds: int) -> dict:
+    """As before, with a probe that never succeeds; it fails after so many seconds."""
+    return {**says(2), "ready": {"log": "^never", "timeout": f"{seconds}s"}}
+
+
+def test_a_probe_that_fails_goes_back_although_a_good_change_of_another_service_came_later(running):
+    stands(running, commit(running, "three", {"arm": probed(1), "base": says(2)}), "failed")
+    stands(running, commit(running, "four", {"arm": probed(1), "base": says(4)}), "failed")
+    assert back(running) == "Roll back to 2"
+
+
+def test_what_was_superseded_while_a_change_was_not_proven_is_no_goal_as_long_as_it_is_not(running):
+    third = commit(running, "three", {"arm": probed(60), "base": says(2)})
+    wait_for(lambda: revisions(running)[0].commit == third)
+    stands(running, commit(running, "four", {"arm": probed(60), "base": says(4)}), "baking")
+    wait_for(lambda: proven(running, "base") == 3, what="base to be proven")
+    assert revisions(running)[1].standing == "superseded"
+    assert back(running) == "Roll back to 2"
+
+
 def test_a_revision_that_failed_for_an_earlier_change_names_that_change(running):
     stands(running, commit(running, "three", {"arm": ends(7), "base": says(2)}), "failed")
     stands(running, commit(running, "four", {"arm": ends(7), "base": says(4)}), "failed")
