@@ -130,11 +130,19 @@ class Known:
                 raise missing("service", self.service, declared)
         doubts: dict[int, str] = {}
         for revision in (r for number in self.earlier if (r := self.get(number))):
-            doubt = self.earlier[revision.number]["doubt"] or self._obstacle(revision, root, differs)
-            if not doubt:
-                return revision
-            doubts[revision.number] = doubt
-        raise self._no_goal(doubts, root)
+            doubt = self.earlier[revision.number]["doubt"]
+            if not doubt and not self.committed(revision, root):
+                doubt = "git does not have all of it"
+            if doubt:
+                doubts[revision.number] = doubt
+                continue
+            if self.service and not differs(goal(revision, self, root)):
+                why = (
+                    f"only other files than its manifest and mounts differ from {revision.number}, where it was proven"
+                )
+                raise Refused(f"roll {self.service} back", why, f"`rorg rollback {revision.number}` for all services")
+            return revision
+        raise self._no_goal(doubts)
 
     def _no_goal(self, doubts: Mapping[int, str], root: Path) -> Refused:
         """The error if no revision can be trusted, with the doubt about each."""
@@ -151,14 +159,6 @@ class Known:
         lines = [f"  {number}: {shorten(doubt, LONGEST, placeholder=' ...')}" for number, doubt in doubts.items()]
         more = [f"  and {len(lines) - NAMED} earlier"] if len(lines) > NAMED else []
         return Refused(what, "\n".join(["no earlier revision is proven", *lines[:NAMED], *more, ""]), remedy)
-
-    def _obstacle(self, revision: Revision, root: Path, differs: Differs) -> str:
-        """Why a commit cannot bring a trusted revision back; empty if it can."""
-        if not self.committed(revision, root):
-            return "git does not have all of it"
-        if self.service and not differs(goal(revision, self, root)):
-            return f"the manifest of {self.service} is the same in it"
-        return ""
 
 
 def goal_of(text: str, revisions: Known, root: Path, differs: Differs = lambda _: True) -> Goal:

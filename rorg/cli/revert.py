@@ -13,6 +13,7 @@ from rorg.cli.differences import Differences, differences
 from rorg.cli.goals import Goal
 from rorg.cli.output import note
 from rorg.errors import Refused
+from rorg.host.contents import mounted
 from rorg.host.git_edit import SHORT, Restoring, changed, top_of, unknown
 from rorg.host.git_process import git_command
 from rorg.model.catalog import Catalog
@@ -30,21 +31,21 @@ class Agreed(Protocol):
 
 
 def restoring(root: Path, robot: str, goal: Goal, service: str) -> Restoring:
-    """The commit that would return the manifests directory and the sources of its images, or the manifest of one
-    service and its part of this robot's overlay. Raises Refused, also if these have uncommitted changes, and Invalid if
-    the earlier manifests have errors."""
+    """The commit that would return the manifests directory and the sources of its images, or of one service the
+    manifest, its part of this robot's overlay, and the files of the tree that it mounts. Raises Refused, also if these
+    have uncommitted changes, and Invalid if the earlier manifests have errors."""
     from rorg.daemon.commit_tree import load_at
     from rorg.daemon.tree import Tree
     from rorg.manifest.load import load
 
     top = top_of(root)
-    past = load_at(Tree(root, host=robot), goal.commit).catalog
+    past, now = load_at(Tree(root, host=robot), goal.commit).catalog, load(root, robot=robot).catalog
     if service:
         files = _manifest(root, past, service, goal)
         overlay = [root / "robots" / robot / os.path.relpath(path, root) for path in files if robot]
-        places, of = [*files, *overlay], f" {service}"
+        mounts = _own_mounts(top, root, [past, *([now] if now else [])], service, goal)
+        places, of = [*files, *overlay, *mounts], f" {service}"
     else:
-        now = load(root, robot=robot).catalog
         places, of = [root, *_contexts(past), *(_contexts(now) if now else [])], ""
     paths = _below(top, places)
     _refuse_to_lose(top, changed(top, *paths) if paths else [])
@@ -66,6 +67,24 @@ def _manifest(root: Path, past: Catalog, service: str, goal: Goal) -> list[Path]
         why = "its file declares other manifests too, which would go back with it"
         raise Refused(f"roll {service} back", why, "`rorg rollback REV` for all services")
     return [root / file, *([now.path] if now else [])]
+
+
+def _own_mounts(top: Path, root: Path, catalogs: Iterable[Catalog], service: str, goal: Goal) -> set[Path]:
+    """The places of the tree that it mounts in these catalogs and that change it. Raises Refused if one of them would
+    change for another service too."""
+    mine, others = set[Path](), dict[Path, str]()
+    for name, one in (item for catalog in catalogs for item in catalog.services.items() if item[1].spec is not None):
+        places = [Path(place) for place in mounted(one.spec or {}, str(root))]
+        if name != service:
+            others |= dict.fromkeys(places, name)
+        elif one.on_change != "none":
+            mine |= {*places}
+    for place, name in sorted(others.items()):
+        shared = [p for p in mine if p.is_relative_to(place) or place.is_relative_to(p)]
+        if shared and Restoring(top, goal.commit, _below(top, shared), "").differs():
+            why = f"{name} mounts {os.path.relpath(place, root)} too, which would go back with it"
+            raise Refused(f"roll {service} back", why, "`rorg rollback REV` for all services")
+    return mine
 
 
 def _contexts(catalog: Catalog) -> list[Path]:

@@ -29,7 +29,10 @@ def command(
     service: Annotated[
         str,
         typer.Option(
-            "--service", help="Only the manifest of this service.", metavar="SERVICE", autocompletion=complete_services
+            "--service",
+            help="Only this service: its manifest and the files of the tree that it mounts.",
+            metavar="SERVICE",
+            autocompletion=complete_services,
         ),
     ] = "",
     *,

@@ -171,17 +171,47 @@ def test_one_service_goes_back_to_its_last_other_state_that_was_proven(running):
     assert "cannot roll arm back: nothing earlier differs in arm" in told
 
 
-@pytest.mark.slow
-def test_one_service_goes_back_only_to_another_manifest(running):
-    """The files that it mounts stay."""
-    (running.tree / "services/conf").mkdir()
-    for number in (3, 4):
-        (running.tree / "services/conf/map").write_text(str(number))
+def maps(robot, content: str, **more: dict) -> str:
+    """A commit in which arm mounts a file with this content; its program ends if that is bad."""
+    (robot.tree / "services/conf").mkdir(exist_ok=True)
+    place = robot.tree / "services/conf/map"
+    place.write_text(content)
+    git(robot, "add", ".")
+    command = ["sh", "-c", f"grep -q bad {place} && exit 3; echo up; while sleep 1000; do :; done"]
+    arm = {**says(3), "mounts": ["./conf:/conf"], "command": command}
+    return commit(robot, f"map {content}", {"arm": arm, "base": says(2), **more})
+
+
+def test_one_service_goes_back_with_the_files_that_it_mounts(running):
+    good(running, maps(running, "3"))
+    stands(running, maps(running, "bad"), "failed")
+    assert back(running, "--service", "arm") == "Roll back arm to 3"
+    assert git(running, "diff", "--name-only", "HEAD^") == "services/conf/map"
+
+
+def test_one_service_goes_not_back_with_files_that_another_mounts_too(running):
+    other = {"other": {"mounts": ["./conf/map:/map"]}}
+    third = maps(running, "3", **other)
+    stands(running, third, "untested")
+    wait_for(lambda: proven(running, "arm") == 3, what="arm to be proven")
+    stands(running, maps(running, "bad", **other), "failed")
+    told = rorg(running, "rollback", "--service", "arm", "--yes", code=5)
+    why = "cannot roll arm back: other mounts services/conf/map too, which would go back with it"
+    assert f"{why}; try `rorg rollback REV` for all services" in told
+    assert git(running, "log", "-1", "--format=%s") == "map bad"
+
+
+def test_one_service_of_which_only_other_files_differ_goes_back_with_all(running):
+    variables = running.tree / "services/variables"
+    for value, standing in (("good", "good"), ("bad", "failed")):
+        variables.write_text(f"MAP={value}\n")
         git(running, "add", ".")
-        arm = {**says(3), "mounts": ["./conf:/conf"]}
-        good(running, commit(running, f"map {number}", {"arm": arm, "base": says(2)}))
-    rorg(running, "rollback", "--service", "arm", "--yes")
-    assert git(running, "log", "-1", "--format=%s") == f"Roll back arm to 2 ({running.second[:12]}): two"
+        command = ["sh", "-c", 'test "$MAP" = good || exit 3; echo up; while sleep 1000; do :; done']
+        arm = {**says(3), "container": {"env_file": ["variables"]}, "command": command}
+        stands(running, commit(running, value, {"arm": arm, "base": says(2)}), standing)
+    told = rorg(running, "rollback", "--service", "arm", "--yes", code=5)
+    why = "only other files than its manifest and mounts differ from 3, where it was proven"
+    assert f"cannot roll arm back: {why}; try `rorg rollback 3` for all services" in told
 
 
 @pytest.mark.slow
