@@ -136,9 +136,20 @@ def _compare(records: Served | Kept, a: str, b: str, output: str) -> None:
     newest = records.listed(1) if not b else []
     comparison = records.compared(a, b or str(newest[0]["number"] if newest else 0))
     lines = [_change(change) for change in comparison["services"]]
-    same = f"revisions {comparison['old']['number']} and {comparison['new']['number']} are the same, service by service"
+    same = _same(comparison["old"], comparison["new"])
     form = "table" if output == "wide" else output
     print_rows(comparison["services"], form, ("service",), full=comparison, text="\n".join(lines) or same)
+
+
+def _same(old: dict[str, Any], new: dict[str, Any]) -> str:
+    """Says that no container differs. Only the manifests have fields that change no container, such as conflicts."""
+    a, b = old["number"], new["number"]
+    if old["fingerprint"] and old["fingerprint"] == new["fingerprint"]:
+        return f"the manifests of revisions {a} and {b} are the same"
+    readable = all(r["commit"] and not r["dirty"] and r["standing"] != "refused" for r in (old, new))
+    return f"no container differs between revisions {a} and {b}" + (
+        f"; `rorg diff {a}..{b}` compares the manifests" if readable else ""
+    )
 
 
 def _change(change: dict[str, Any]) -> str:

@@ -89,7 +89,7 @@ def _change(name: str, old: Made | None, new: Made | None) -> dict[str, Any] | N
     if word == "changed" and not fields:
         if old and new and old.edition == new.edition:
             return None  # only the image id has become known
-        fields = [Change("content", None, None)]
+        fields = [Change("probes or mounted files", None, None)]
     return _told(name, word, fields)
 
 

@@ -443,6 +443,15 @@ def test_a_service_that_is_requested_goes_with_the_same_yes(running):
     assert made(running) == running.now
 
 
+def test_a_comparison_of_revisions_leads_to_the_manifests_if_no_container_differs(running):
+    third = commit(running, "three", {"arm": {**says(2), "conflicts": ["base"], "always_on": False}, "base": says(2)})
+    stands(running, third, "good")
+    same = "no container differs between revisions 2 and 3; `rorg diff 2..3` compares the manifests\n"
+    assert rorg(running, "history", "diff", "2", "3") == same
+    assert "conflicts: + base" in rorg(running, "diff", "2..3", code=1)
+    assert rorg(running, "history", "diff", "3", "3") == "the manifests of revisions 3 and 3 are the same\n"
+
+
 def test_what_cannot_be_done_changes_nothing(running):
     assert "find the revision 'nonsense'" in rorg(running, "rollback", "nonsense", code=2)
     assert "find the revision '99'" in rorg(running, "rollback", "99", code=2)
