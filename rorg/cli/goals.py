@@ -190,7 +190,10 @@ def moment_of(text: str, revisions: Known, root: Path, now: float) -> tuple[str,
     seconds since the epoch. Raises Missing and Refused."""
     if not NO_TIME.fullmatch(text):
         with contextlib.suppress(ValueError):
-            moment = stamp(parse_since(text, now))
+            seconds = parse_since(text, now)
+            moment = stamp(seconds)
+            if seconds > now:
+                raise Refused(f"restore {text}", f"{moment} is in the future", "a time such as 10m (ago)")
             revision = revisions.at(moment)
             if revision is None:
                 raise Refused(f"restore {text}", f"nothing is on record of {moment}", "`rorg history`")

@@ -7,13 +7,14 @@ from functools import cached_property
 from pathlib import Path
 
 from rorg.cli.context import Context
+from rorg.cli.local import glance
 from rorg.cli.operations import operating
 from rorg.cli.terminal import printable
 from rorg.errors import Refused
 from rorg.history.database import reading
 from rorg.history.meta_requests import Asked
 from rorg.manifest.load import load
-from rorg.model.catalog import DEVELOPER, Request
+from rorg.model.catalog import DEVELOPER, Catalog, Request
 
 Key = tuple[str, str]
 
@@ -49,6 +50,20 @@ class EarlierRequests:
         """What would be requested and released, for people."""
         changes = [("-", request) for request in self._released] + [("+", request) for request in self._requested]
         return [printable(f"{sign} request '{r.id}' of {r.requester}: {', '.join(r.services)}") for sign, r in changes]
+
+    def effects(self, catalog: Catalog) -> list[str]:
+        """Which services these changes start and end under manifests, for people. Drivers are marked."""
+        document = self.context.document().without({r.key for r in self._released})
+        for request in self._requested:
+            document = document.put(request)
+        now, then = (glance(self.context, catalog, d).situation.wanted for d in (None, document))
+        sorts = ("to start", then.keys() - now.keys()), ("to end", now.keys() - then.keys())
+        marked = lambda name: f"{name} (moves hardware)" if catalog.services[name].driver else name  # noqa: E731
+        return [
+            printable(f"{what} because of these requests: {', '.join(map(marked, sorted(of)))}")
+            for what, of in sorts
+            if of
+        ]
 
     def restore(self) -> None:
         """Requests and releases, through the running rorg or without one."""

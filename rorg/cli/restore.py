@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -14,6 +14,10 @@ from rorg.cli.names import complete_revisions
 from rorg.cli.options import Timeout, Tree, WaitFor, Yes
 from rorg.cli.output import note
 from rorg.errors import Invalid
+
+if TYPE_CHECKING:
+    from rorg.cli.past_requests import EarlierRequests
+    from rorg.model.catalog import Catalog
 
 
 def command(
@@ -37,7 +41,7 @@ def command(
     """
     from rorg.cli.goals import Known, moment_of
     from rorg.cli.past_requests import EarlierRequests
-    from rorg.cli.revert import all_committed, go_back, restoring, tree_of
+    from rorg.cli.revert import all_committed, go_back, past_manifests, restoring, tree_of
 
     if not at:
         raise Invalid("restore", "no time is named", "`rorg restore --at 10m`")
@@ -48,10 +52,17 @@ def command(
     note(f"as of {moment}, revision {goal.title}")
 
     def agreed(owner: dict[str, Any] | None, shown: Differences, *, nothing: bool) -> None:
-        for line in requests.lines():
-            note(line)
-        nothing = nothing and not requests.lines()
-        agree(context, owner, shown, "restore", question="Restore that?", yes=yes, nothing=nothing)
+        changes = requests.lines()
+        if changes:
+            shown = _with_requests(requests, past_manifests(root, context.robot, goal), shown)
+        agree(context, owner, shown, "restore", question="Restore that?", yes=yes, nothing=nothing and not changes)
 
     waiting, then = (wait, timeout), requests.restore
     go_back(context, root, wanted, agreed, command="rorg restore", doubt=goal.doubt, waiting=waiting, then=then)
+
+
+def _with_requests(requests: EarlierRequests, manifests: Catalog, shown: Differences) -> Differences:
+    """Show the changes of requests and what they start and end. The plan, which then shows only the manifests."""
+    for line in [*requests.lines(), *requests.effects(manifests)]:
+        note(line)
+    return shown._replace(plan={**shown.plan, "summary": "No differences of the manifests."}) if shown.empty else shown

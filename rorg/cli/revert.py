@@ -34,12 +34,10 @@ def restoring(root: Path, robot: str, goal: Goal, service: str) -> Restoring:
     """The commit that would return the manifests directory and the sources of its images, or of one service the
     manifest, its part of this robot's overlay, and the files of the tree that it mounts. Raises Refused, also if these
     have uncommitted changes, and Invalid if the earlier manifests have errors."""
-    from rorg.daemon.commit_tree import load_at
-    from rorg.daemon.tree import Tree
     from rorg.manifest.load import load
 
     top = top_of(root)
-    past, now = load_at(Tree(root, host=robot), goal.commit).catalog, load(root, robot=robot).catalog
+    past, now = past_manifests(root, robot, goal), load(root, robot=robot).catalog
     if service:
         files = _manifest(root, past, service, goal)
         overlay = [root / "robots" / robot / os.path.relpath(path, root) for path in files if robot]
@@ -50,6 +48,14 @@ def restoring(root: Path, robot: str, goal: Goal, service: str) -> Restoring:
     paths = _below(top, places)
     _refuse_to_lose(top, changed(top, *paths) if paths else [])
     return Restoring(top, goal.commit, paths, f"Roll back{of} to {goal.title}")
+
+
+def past_manifests(root: Path, robot: str, goal: Goal) -> Catalog:
+    """The earlier manifests. Raises Invalid if they have errors."""
+    from rorg.daemon.commit_tree import load_at
+    from rorg.daemon.tree import Tree
+
+    return load_at(Tree(root, host=robot), goal.commit).catalog
 
 
 def _manifest(root: Path, past: Catalog, service: str, goal: Goal) -> list[Path]:

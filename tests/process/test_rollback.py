@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 import subprocess
+import time
 from pathlib import Path
 
 import commands
@@ -17,6 +18,7 @@ from rorg.cli.goals import Goal
 from rorg.history.database import reading
 from rorg.history.evidence import PROVEN, Evidence
 from rorg.host.watch import Watcher
+from rorg.model.units import stamp
 
 POLICY = {"robot": {"updates": {"bake": "100ms"}}}
 
@@ -537,9 +539,34 @@ def test_restore_brings_requests_back_too(robot):
     assert "revision 1" in rorg(robot, "restore", "--at", "1", code=5)
 
 
+@pytest.mark.parametrize("served", [True, False])
+def test_restore_shows_what_the_requests_start_before_it_asks(fresh, served):
+    runs = {"command": says(1)["command"]}
+    services = {"arm": {**runs, "driver": True}, "nav": {**runs, "needs": ["arm"]}, "map": runs}
+    first = commit(fresh, "one", services)
+    fresh.start()
+    stands(fresh, first, "untested")
+    fresh.request("nav", id="tour")
+    good(fresh, first)
+    then = stamp(time.time())
+    fresh.release("tour")
+    fresh.request("map", id="other")
+    fresh.wait(lambda: fresh.active() == {"map"})
+    if not served:
+        fresh.stop()
+    told = rorg(fresh, "restore", "--at", then, code=5)
+    assert "+ request 'tour' of developer: nav\n" in told
+    assert "to start because of these requests: arm (moves hardware), nav\n" in told
+    assert "to end because of these requests: map\n" in told
+    assert "No differences of the manifests.\n" in told
+    assert "there is no terminal; try --yes" in told
+
+
 def test_restore_needs_a_time_that_is_on_record(running):
     assert "no time is named" in rorg(running, "restore", code=2)
     assert "nothing is on record of 20" in rorg(running, "restore", "--at", "10h", code=5)
+    told = rorg(running, "restore", "--at", "2999-01-01T00:00:00Z", "--yes", code=5)
+    assert "2999-01-01T00:00:00.000000Z is in the future; try a time such as 10m (ago)" in told
     assert "find the revision 'yesterday'" in rorg(running, "restore", "--at", "yesterday", code=2)
     assert git(running, "rev-parse", "HEAD") == running.second
 
