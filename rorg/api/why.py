@@ -60,6 +60,7 @@ def _why(current: Current, name: str) -> dict[str, Any]:
         "cautions": [
             *status.cautions,
             *([ready.message] if ready.reason == VANISHED else []),
+            *_failed_change(current, status),
             *_spoiled(current, status),
         ],
     }
@@ -94,6 +95,12 @@ def _failing_probes(current: Current, status: Status) -> Iterator[str]:
 
 def _asked(probe: Probe) -> str:
     return "all" if probe.parts else str(probe)
+
+
+def _failed_change(current: Current, status: Status) -> Iterator[str]:
+    """That its change failed, if the plan does not say so: of probes or files alone, nothing waits."""
+    if status.update_failed and status.service not in current.decision.plan.reasons():
+        yield f"its change failed: {status.update_failed}"
 
 
 def _spoiled(current: Current, status: Status) -> Iterator[str]:

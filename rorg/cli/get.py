@@ -13,7 +13,7 @@ import typer
 from rorg.cli.context import Context
 from rorg.cli.kinds import KIND_OF, service_name
 from rorg.cli.names import complete_groups, complete_kinds_and_names
-from rorg.cli.options import Output, RobotManifests
+from rorg.cli.options import NoHeaders, Output, RobotManifests
 from rorg.cli.output import end_with_reader, missing, note, print_rows
 from rorg.cli.selection import select
 from rorg.cli.watch import Watch
@@ -52,7 +52,7 @@ def command(
     sort_by: SortBy = "name",
     output: Output = "table",
     watch: Annotated[bool, typer.Option("-w", "--watch", help="Keep showing changes.")] = False,
-    no_headers: Annotated[bool, typer.Option("--no-headers", help="Print the table without its first line.")] = False,
+    no_headers: NoHeaders = False,
     all_namespaces: AllNamespaces = False,
 ) -> None:
     """List services with their state, or groups, images, networks, volumes, machines, profiles, policies, requests.

@@ -9,8 +9,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from rorg.cli.kinds import FILE
-from rorg.cli.names import complete_revisions
-from rorg.cli.options import Output, Robot
+from rorg.cli.options import NoHeaders, Output, Robot
 from rorg.cli.output import dump, echo, print_rows, table
 from rorg.cli.records import Kept, Served, records_of
 from rorg.cli.terminal import entry, printable
@@ -21,6 +20,7 @@ TAKEN = {"list": (0, 0), "show": (1, 1), "diff": (1, 2), "export": (0, 0)}
 """Action -> least and most words after it."""
 FORMATS = ("jsonl", "protobuf")
 MOST = 1000
+Number = Annotated[int, typer.Option("-n", "--number", help="For list: how many of the newest.", min=1, max=MOST)]
 
 Revs = Annotated[
     list[str],
@@ -38,9 +38,7 @@ def command(
     ] = "list",
     revisions: Revs = [],  # noqa: B006
     *,
-    number: Annotated[
-        int, typer.Option("-n", "--number", help="For list: how many of the newest.", min=1, max=MOST)
-    ] = 20,
+    number: Number = 20,
     format: Annotated[Literal["jsonl", "protobuf"], typer.Option(help="For export: jsonl or protobuf.")] = "jsonl",
     file: Annotated[
         Path | None,
@@ -49,6 +47,7 @@ def command(
         ),
     ] = None,
     output: Output = "table",
+    no_headers: NoHeaders = False,
 ) -> None:
     """List the revisions of the manifests and the standing of each: applying, baking, untested, good, failed,
     superseded or refused. `show` one, `diff` two, or `export` everything.
@@ -61,7 +60,7 @@ def command(
         raise Invalid(f"{action} the history", why, f"`rorg history {action}{' REV' * least}`")
     with records_of(context) as records:
         if action == "list":
-            _print(records.listed(number), output)
+            _print(records.listed(number), output, headers=not no_headers)
         elif action == "show":
             _show(records.shown(revisions[0]), output)
         elif action == "diff":
@@ -70,7 +69,7 @@ def command(
             _export(records, format, file)
 
 
-def _print(revisions: list[dict[str, Any]], output: str) -> None:
+def _print(revisions: list[dict[str, Any]], output: str, headers: bool) -> None:
     rows = [
         {
             **revision,
@@ -84,7 +83,8 @@ def _print(revisions: list[dict[str, Any]], output: str) -> None:
         for revision in revisions
     ]
     columns = ("number", "when", "commit", "author", "standing", "subject")
-    print_rows(rows, output, columns, ("settled", "reason", "robot"), full=revisions, below=("subject", "author"))
+    wide, below = ("settled", "reason", "robot"), ("subject", "author")
+    print_rows(rows, output, columns, wide, full=revisions, below=below, headers=headers)
 
 
 def standing_text(revision: dict[str, Any]) -> str:

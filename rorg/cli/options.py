@@ -113,6 +113,7 @@ TreeAlone = Annotated[Context, ContextOptions(engine=False, directory=Directory,
 RunTree = Annotated[Context, ContextOptions(directory=Directory, local=True, own=True)]
 """For a command's first parameter."""
 Output = Annotated[Form, typer.Option("-o", "--output", help="table, wide, name, yaml or json.", metavar="FORM")]
+NoHeaders = Annotated[bool, typer.Option("--no-headers", help="Print the table without its first line.")]
 Yes = Annotated[bool, typer.Option("--yes", "-y", help="Do not ask.")]
 Wait = Annotated[bool, typer.Option("--wait", help="Return when everything is ready; exit 4 if that fails.")]
 WaitFor = Annotated[

@@ -64,36 +64,47 @@ class Overview:
 
     def text(self) -> str:
         """Return the plan step by step, and then the services of which only the probes change."""
-        entries = [e for e in self.entries() if e.verbs == (PROBE,)]
+        entries = [e for e in self.entries() if e.service not in self._steps]
         width = max((len(e.service) for e in entries), default=0)
         steps = "" if self.plan.empty else self.plan.text().removesuffix(f"{self.plan.summary()}\n")
         return steps + "".join(f"{e.line(len('replace'), width)}\n" for e in entries) + f"{self.summary()}\n"
 
     def summary(self) -> str:
         """Return one line with the counts."""
-        only = sum(e.verbs == (PROBE,) for e in self.entries())
-        if not only:
-            return self.plan.summary()
-        counts = "Plan: " if self.plan.empty else f"{self.plan.summary().removesuffix('.')}, "
-        return f"{counts}{only} to probe differently."
+        only = [n for n in self.probes if n not in self._steps]
+        failed = sum(bool(self._failed(n)) for n in only)
+        counts = [] if self.plan.empty else [self.plan.summary().removeprefix("Plan: ").removesuffix(".")]
+        counts += [f"{len(only) - failed} to probe differently"] * (len(only) > failed)
+        counts += [f"{failed} with the previous probes"] * bool(failed)
+        return f"Plan: {', '.join(counts)}." if only else self.plan.summary()
 
     def entries(self) -> list[Entry]:
         """Return one entry per service in the plan, in its order, and then one per service of which only the probes
         change."""
-        planned = {entry.service: entry for entry in self._planned}
+        planned = dict(self._steps)
         for name, changes in self.probes.items():
             texts, entry = "; ".join(map(str, changes)), planned.get(name)
             planned[name] = (
                 replace(entry, why=f"{entry.why}; {texts}", changes=(*entry.changes, *changes))
                 if entry
-                else Entry(name, (PROBE,), f"{texts}; {self._outcome(name)}", changes)
+                else self._probed(name, texts, changes)
             )
         return list(planned.values())
 
-    def _outcome(self, name: str) -> str:
-        """Return what becomes of a change of probes alone."""
-        failed = self.situation.memory.of(name).update.failed
-        return f"its change failed ({failed}), so the previous probes stay" if failed else "probes only, no restart"
+    def _probed(self, name: str, texts: str, changes: tuple[Change, ...]) -> Entry:
+        """Return what becomes of a change of probes alone: nothing if it failed."""
+        if failed := self._failed(name):
+            why = f"{texts}; its change failed ({failed}), so the previous probes stay"
+            return Entry(name, ("wait",), why, changes)
+        return Entry(name, (PROBE,), f"{texts}; probes only, no restart", changes)
+
+    def _failed(self, name: str) -> str:
+        return self.situation.memory.of(name).update.failed
+
+    @property
+    def _steps(self) -> dict[str, Entry]:
+        """Return the services of which more than the probes changes."""
+        return {entry.service: entry for entry in self._planned}
 
     @cached_property
     def _planned(self) -> list[Entry]:

@@ -225,7 +225,8 @@ class Historian:
         """The reason of a standing, with the revisions to blame for services that an earlier one changed."""
         blamed: dict[int, list[str]] = {}
         for name in failing:
-            blamed.setdefault(self.revisions.changed_in(name, revision.number), []).append(name)
+            edition = revision.services[name].edition if name in revision.services else ""
+            blamed.setdefault(self.revisions.changed_in(name, revision.number, edition), []).append(name)
         origins = [
             f"{Cause(tuple(sorted(names)), '').who} last changed in revision {number}"
             for number, names in sorted(blamed.items())

@@ -184,12 +184,15 @@ class Revisions:
         sql = "SELECT first, last, edition FROM made WHERE service = ? ORDER BY first DESC"
         return self.database.read(_span, sql, (service,))
 
-    def changed_in(self, service: str, number: int) -> int:
-        """Return the revision in which a service got the edition that it has in this one; 0 if it is not on record."""
+    def changed_in(self, service: str, number: int, edition: str) -> int:
+        """Return the revision in which a service got this edition, which it has in revision `number`; 0 if that is not
+        on record, because the disk was full."""
         first = 0
         for span in self.spans(service):
             if span.first <= number and not first:
-                first, edition = span.first, span.edition
+                if span.edition != edition:
+                    return 0
+                first = span.first
             elif first and (span.last, span.edition) == (first - 1, edition):
                 first = span.first
         return first

@@ -177,11 +177,16 @@ def test_the_running_rorg_shows_a_change_of_probes_while_it_is_on_trial(robot):
     robot.wait(lambda: robot.status()["tree"]["standing"]["code"] == "good")
     was, ends = services("slow", "60"), {"exec": "false", "timeout": "3s"}
     write_tree(robot.tree, {**was, "base": {**was["base"], "ready": ends}})
-    line = "~   probe   base  ready.exec: (unset) -> false; "
-    assert rorg(robot, "diff", code=1).stdout.splitlines()[0] == f"{line}probes only, no restart"
+    line = "base  ready.exec: (unset) -> false; "
+    assert rorg(robot, "diff", code=1).stdout.splitlines()[0] == f"~   probe   {line}probes only, no restart"
     robot.wait(lambda: robot.loop.running.memory.of("base").update.failed)
-    failed = f"{line}its change failed (not ready within 3 s: exec false exits 1), so the previous probes stay"
-    assert rorg(robot, "diff", code=1).stdout.splitlines()[0] == failed
+    why = "not ready within 3 s: exec false exits 1"
+    failed = f".   wait    {line}its change failed ({why}), so the previous probes stay"
+    assert rorg(robot, "diff", code=1).stdout.splitlines() == [failed, "Plan: 1 with the previous probes."]
+    assert (
+        f"  caution: its change failed: {why}; change it again, or `rorg retry base`\n"
+        in rorg(robot, "why", "base").stdout
+    )
     robot.wait(lambda: any("the change of base failed" in line for line in robot.lines))
     told = next(line for line in robot.lines if "the change of base failed" in line)
     assert told.endswith("; change it again, or `rorg retry base`"), "its container did not change"

@@ -448,6 +448,8 @@ def test_a_service_that_is_requested_goes_with_the_same_yes(running):
 def test_a_comparison_of_revisions_leads_to_the_manifests_if_no_container_differs(running):
     third = commit(running, "three", {"arm": {**says(2), "conflicts": ["base"], "always_on": False}, "base": says(2)})
     stands(running, third, "good")
+    with_headers = rorg(running, "history").splitlines()
+    assert rorg(running, "history", "--no-headers").splitlines() == with_headers[1:]
     same = "no container differs between revisions 2 and 3; `rorg diff 2..3` compares the manifests\n"
     assert rorg(running, "history", "diff", "2", "3") == same
     assert "conflicts: + base" in rorg(running, "diff", "2..3", code=1)
