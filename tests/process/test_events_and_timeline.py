@@ -250,6 +250,15 @@ def begun(revisions: Revisions, commit: str, **services: Made) -> Revision:
     return revisions.begin(Revision(0, at(0), f"tree {commit}", commit=commit, services=services))
 
 
+def test_a_change_that_the_full_disk_does_not_have_is_blamed_on_no_earlier_revision(history, monkeypatch):
+    revisions = Revisions(history)
+    begun(revisions, "a" * 40, arm=made(1))
+    monkeypatch.setattr(history, "write", lambda change, keep=True: False)
+    second = begun(revisions, "b" * 40, arm=made(2))
+    assert revisions.changed_in("arm", second.number, "edition2") == 0
+    assert revisions.changed_in("arm", second.number, "edition1") == 1
+
+
 def test_two_revisions_are_compared_field_by_field_with_secrets_masked(history):
     revisions = Revisions(history)
     old = begun(
