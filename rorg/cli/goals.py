@@ -142,7 +142,7 @@ class Known:
                 )
                 raise Refused(f"roll {self.service} back", why, f"`rorg rollback {revision.number}` for all services")
             return revision
-        raise self._no_goal(doubts)
+        raise self._no_goal(doubts, root)
 
     def _no_goal(self, doubts: Mapping[int, str], root: Path) -> Refused:
         """The error if no revision can be trusted, with the doubt about each."""

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from rorg.cli.kinds import FILE
+from rorg.cli.names import complete_revisions
 from rorg.cli.options import NoHeaders, Output, Robot
 from rorg.cli.output import dump, echo, print_rows, table
 from rorg.cli.records import Kept, Served, records_of

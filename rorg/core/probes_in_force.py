@@ -35,12 +35,12 @@ def with_probes_in_force(service: Service, update: Update, current: Container | 
 
 
 def is_as_proven(update: Update, current: Container | None) -> bool:
-    """Return whether the present container was proven, or was made anew like the one that was, and its manifest has
-    changed since."""
+    """Return whether the present container was proven, or was made anew like the one that was and not on trial, and its
+    manifest has changed since."""
     if current is None or update.baked == update.edition:
         return False
     good = update.last_good
-    return current.id == update.well or (good is not None and current.digest == good.digest)
+    return current.id == update.well or (good is not None and current.digest == good.digest and not current.previous)
 
 
 def is_ready_untried(service: Service, update: Update, current: Container | None) -> bool:

@@ -15,7 +15,19 @@ from rorg.core.observed import Container
 from rorg.core.operations import Create, Remove, Rename, Start
 from rorg.core.plan import Part, Waiting
 from rorg.core.situation import View
-from rorg.core.steps import Chain, Step, adjust, awaken, away, cannot_go_on, passing_name, restarting, stop, stops
+from rorg.core.steps import (
+    Chain,
+    Step,
+    adjust,
+    awaken,
+    away,
+    cannot_go_on,
+    free_name,
+    make_room,
+    restarting,
+    stop,
+    stops,
+)
 from rorg.core.swap import Swap, is_untried
 from rorg.model.catalog import Service, Spec
 from rorg.model.codes import DEVICE, FAILED
@@ -59,13 +71,13 @@ class _Reconciled:
         steps: list[Step] = []
         new_name = ""
         if current is None:
-            new_name = self.free_name([c for c, _ in stale])
+            new_name = free_name(self.view, self.service, [c for c, _ in stale])
             steps.append(self.create(new_name, stale, swap.old))
         others = self.clear([p for p in stale if not (p[0] is swap.old or self.rolls_over(p[0], current))], True)
         # The trial goes on beside these removals, so they are not part of a replacement.
         steps += [replace(step, surplus=True) for step in others] if swap.under_way else others
         if swap.old:
-            steps += self.make_room(swap.old)
+            steps += make_room(self.view, self.service, swap.old)
         if current:
             steps += adjust(self.view, self.service, *current)
             self.notes += left_over(self.view, self.service, current[0])
@@ -142,7 +154,7 @@ class _Reconciled:
         if left:
             return [replace(s, part_of=Part.REPLACE, reason=why) for s in steps]
         steps = restarting(old, steps)
-        return steps if swap.failed else [*steps, self.create(self.free_name([old]), stale, old)]
+        return steps if swap.failed else [*steps, self.create(free_name(self.view, self.service, [old]), stale, old)]
 
     def must_restart(self, old: Container) -> str:
         """Return why the current run ends and begins again while its change waits for its set: no new container of the
@@ -188,15 +200,6 @@ class _Reconciled:
             return self.wake(container, steps, trial)
         return self.cease(container) if container else []
 
-    def make_room(self, old: Container) -> list[Step]:
-        """The new container takes the service's name; the old one gets a temporary one."""
-        if old.name != self.service.container_name or not self.s.engine.rename:
-            return []
-        name = f"{self.service.container_name}.{old.digest.partition(':')[2][:8] or old.id[:8]}"
-        if name in {c.name for c in self.view.of(self.name)}:  # the new one has the same digest
-            name = f"{name}.{old.id[:8]}"
-        return [Step(Rename(container=old.id, name=name), "changed")]
-
     def rolls_over(self, old: Container, new: tuple[Container, Difference] | None) -> bool:
         """Return whether the start of the new container, which is yet to come, ends the old one's run."""
         return old.alive and self.s.engine.rolls and self.name in self.s.wanted and not (new and new[0].active)
@@ -206,13 +209,6 @@ class _Reconciled:
         again."""
         ends_removed = self.service.idle.escalate is not None and self.service.idle.escalate[1] == "remove"
         return self.service.idle.action != "remove" and (has_one or not ends_removed)
-
-    def free_name(self, stale: list[Container]) -> str:
-        """Return the service's name, or a temporary one while an older container has it."""
-        names = [c.name for c in stale]
-        if self.service.container_name in names:
-            return passing_name(self.view, self.service, names)
-        return self.service.container_name
 
     def create(self, name: str, stale: list[tuple[Container, Difference]], old: Container | None) -> Step:
         """Return the step that creates a container. `old` is kept in case the new one does not come up."""

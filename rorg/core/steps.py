@@ -168,6 +168,22 @@ def passing_name(view: View, service: Service, taken: Collection[str] = ()) -> s
     return next(n for n in (name, *(f"{name}.{i}" for i in range(2, len(taken) + 3))) if n not in taken)
 
 
+def free_name(view: View, service: Service, stale: Sequence[Container]) -> str:
+    """Return the service's name, or a temporary one while an older container has it."""
+    names = [c.name for c in stale]
+    return passing_name(view, service, names) if service.container_name in names else service.container_name
+
+
+def make_room(view: View, service: Service, old: Container) -> list[Step]:
+    """Return the step that gives an old container a temporary name, because the new one takes the service's."""
+    if old.name != service.container_name or not view.s.engine.rename:
+        return []
+    name = f"{service.container_name}.{old.digest.partition(':')[2][:8] or old.id[:8]}"
+    if name in {c.name for c in view.of(service.name)}:  # the new one has the same digest
+        name = f"{name}.{old.id[:8]}"
+    return [Step(Rename(container=old.id, name=name), "changed")]
+
+
 def _shares(view: View, service: Service, container: Container) -> int | None:
     """Return the CPU shares to set because of pressure or to restore after it; None to change nothing."""
     current = container.live.get("cpu_shares")

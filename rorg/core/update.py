@@ -119,14 +119,15 @@ class Update:
     def _others(self) -> dict[str, str]:
         return {edition: why for edition, why in self.quarantined.items() if edition != self.edition}
 
-    def noting(self, current: Container, present: Mapping[str, str]) -> Update:
-        """Note what the current run has read. A run that rorg started has read what was there at the start. For a run
-        that rorg finds at its own start, the present content is assumed, because a new rorg must restart nothing on its
-        own. `present` maps mounted paths to their digests now."""
+    def noting(self, current: Container, present: Mapping[str, str], before: Mapping[str, str]) -> Update:
+        """Note what the current run has read. A run that rorg started has read what was there at the start. One that
+        somebody else started may have begun before the last change, so it is taken to have read what was there
+        `before`, in the last pass. For a run that rorg finds at its own start, the present content is assumed, because
+        a new rorg must restart nothing on its own. `present` and `before` map mounted paths to digests."""
         if not current.alive or current.brief:
             return self
         if self.run != current.incarnation:
-            begun = present if self.begun is None else self.begun
+            begun = before if self.begun is None else self.begun
             content = {path: begun.get(path, digest) for path, digest in present.items()}
             return replace(self, run=current.incarnation, content=content, begun=None)
         if self.content.keys() != present.keys():

@@ -133,15 +133,17 @@ class Checkpoint:
     def lost_services(self, now: float, states: Mapping[str, list[tuple[str, int]]]) -> list[Fault]:
         """Services that must run and do not, run in another edition, or run although nothing wants them."""
         editions, kinds = self.book.editions, self.book.tree.kinds
-        asked = with_needs(s for one in self.book.requests.values() for s in one.services)
-        asked |= with_needs(name for name, spec in SERVICES.items() if spec.get("always_on"))
+        direct = {s for one in self.book.requests.values() for s in one.services}
+        direct |= {name for name, spec in SERVICES.items() if spec.get("always_on")}
+        asked = with_needs(direct)
         running = {name for name, there in states.items() if any(state == "running" for state, _ in there)}
         refused = any(kinds[number] == REFUSED for number, _ in editions.values())
         faults = []
         for name in sorted(asked):
             there = states.get(name, [])
             if name not in running:
-                if not self.excuse(name, running, now):
+                users = (user for user in direct if name in with_needs([user]))
+                if not self.excuse(name, running, now) and not all(self.excuse(u, running, now) for u in users):
                     faults.append(Fault("lost", now, f"{name} is wanted, and is {there}", (name,)))
             elif not refused and not self._free(name):
                 ran = [number for state, number in there if state == "running"]
