@@ -93,14 +93,14 @@ def command(
     if there:
         raise Refused(f"write a robot into {directory}", f"{', '.join(there)} already exists", "another directory")
     with disk_errors(f"write a robot into {directory}", "another one"):
+        _refuse_others(directory)
         for place, path in places.items():
             (directory / place).parent.mkdir(parents=True, exist_ok=True)
             (directory / place).write_bytes(path.read_bytes())
         write(directory / "schemas", check=False)
+        written = [*map(str, places), "schemas"]
         if machines > 1:
-            _divide(directory, MACHINES[:machines])
-            places[Path("machines")] = directory
-    written = sorted({"schemas", *(place.parts[0] for place in places)})
+            written += _divide(directory, MACHINES[:machines])
     if machines > 1:
         chosen = chosen._replace(
             services=f"{chosen.services} on {machines} computers", run="see docs/tutorial-machines.md"
@@ -110,14 +110,26 @@ def command(
     note(NEXT.format(name=directory.resolve().name, git=_committed(directory, written), cd=change, **values))
 
 
-def _divide(directory: Path, names: Sequence[str]) -> None:
-    """Declares the machines, and gives a service to the second one."""
-    (directory / "machines").mkdir()
-    for index, name in enumerate(names):
+def _refuse_others(directory: Path) -> None:
+    """Raises Refused if the directory has manifests: they would be part of the robot, with their mistakes."""
+    from rorg.manifest.documents import manifest_files
+
+    if own := [str(path.relative_to(directory)) for path in manifest_files(directory)]:
+        more = f" and {len(own) - 1} more" if len(own) > 1 else ""
+        why = f"{own[0]}{more} would belong to the robot: rorg reads every YAML file there as a manifest"
+        raise Refused(f"write a robot into {directory}", why, "another directory")
+
+
+def _divide(directory: Path, names: Sequence[str]) -> list[str]:
+    """Declares the machines, and gives a service to the second one. Returns the new files."""
+    (directory / "machines").mkdir(exist_ok=True)
+    declared = [f"machines/{name}.yaml" for name in names]
+    for index, (name, place) in enumerate(zip(names, declared, strict=True)):
         text = MACHINE.format(name=name, port=PORT + index, more=LEASE if index else DEFAULT)
-        (directory / f"machines/{name}.yaml").write_text(text, encoding="utf-8")
+        (directory / place).write_text(text, encoding="utf-8")
     text = (directory / MOVED).read_text(encoding="utf-8")
     (directory / MOVED).write_text(text.replace("spec:\n", f"spec:\n  machine: {names[1]}\n", 1), encoding="utf-8")
+    return declared
 
 
 def files(template: Path) -> Iterator[Path]:
@@ -133,7 +145,8 @@ def _place(place: Path) -> Path:
 
 
 def _committed(directory: Path, written: list[str]) -> str:
-    """Commits what is written to git with the user's identity; a text about the result."""
+    """Commits what is written to git with the user's identity, and no other file; a text about the result. Files that
+    the user staged before stay staged."""
     import subprocess
 
     from rorg.host.git_process import git_command
@@ -146,7 +159,7 @@ def _committed(directory: Path, written: list[str]) -> str:
             return ""
         git("add", "--", *written)
         done = git("commit", "--quiet", "--message", "A first robot", "--", *written)
-        command = git_command(directory, "commit", "--all", "--message", "A first robot")
+        command = git_command(directory, "commit", "--message", "A first robot")
         return ", in git" if done else f"; commit it: `{command}`"
     except OSError:  # there is no git here; rorg works without it
         return ""

@@ -107,6 +107,54 @@ def test_it_overwrites_nothing(tmp_path, there):
     assert mine.read_text() == "mine"
 
 
+@pytest.mark.parametrize("there", ["services/x.yaml", "compose.yaml", "groups/all.yml"])
+def test_it_refuses_a_directory_with_manifests(tmp_path, there):
+    """A robot with them would not be the one that it promises, and might be invalid."""
+    mine = tmp_path / "robot" / there
+    mine.parent.mkdir(parents=True)
+    mine.write_text("kind: [")
+    refused = rorg(tmp_path, "init", "robot", code=5).stderr
+    assert f"{there} would belong to the robot" in refused
+    assert "; try another directory" in refused
+    assert [p for p in tmp_path.rglob("*") if p.is_file()] == [mine]
+
+
+@pytest.mark.parametrize("machines", ["1", "2"])
+def test_it_commits_nothing_else(tmp_path, machines):
+    mine = [tmp_path / "robot" / name for name in ("services/notes.txt", ".vscode/mine.json", "machines/x", "run.py")]
+    for path in mine:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("mine")
+    subprocess.run(["git", "init", "--quiet", tmp_path / "robot"], check=True)
+    subprocess.run(["git", "-C", tmp_path / "robot", "add", "run.py"], check=True)
+    rorg(tmp_path, "init", "robot", "--machines", machines)
+    git = ["git", "-C", tmp_path / "robot"]
+    tracked = subprocess.check_output([*git, "ls-tree", "-r", "--name-only", "HEAD"], text=True).split()
+    there = {str(p.relative_to(tmp_path / "robot")) for p in (tmp_path / "robot").rglob("*") if p.is_file()}
+    there = {path for path in there if not path.startswith(".git/")}
+    assert there - set(tracked) == {str(p.relative_to(tmp_path / "robot")) for p in mine}
+    assert "services/base.yaml" in tracked
+
+
+def test_without_an_identity_it_names_a_command_that_commits_its_files_alone(tmp_path):
+    (tmp_path / "robot").mkdir()
+    subprocess.run(["git", "init", "--quiet", tmp_path / "robot"], check=True)
+    mine = tmp_path / "robot/run.py"
+    git = ["git", "-C", tmp_path / "robot", "-c", "user.name=a", "-c", "user.email=a@b"]
+    mine.write_text("mine")
+    subprocess.run([*git, "add", "run.py"], check=True)
+    subprocess.run([*git, "commit", "--quiet", "--message", "mine"], check=True)
+    mine.write_text("not yet")
+    nobody = {"GIT_AUTHOR_EMAIL": "", "GIT_COMMITTER_EMAIL": "", "GIT_CONFIG_GLOBAL": "/dev/null"}
+    nobody |= {"GIT_AUTHOR_NAME": "", "GIT_COMMITTER_NAME": ""}
+    told = rorg(tmp_path, "init", "robot", **nobody).stderr
+    command = re.search(r"commit it: `(.*)`", told)
+    assert command, told
+    subprocess.run(command[1], shell=True, check=True, cwd=tmp_path, env={**os.environ, **IDENTITY})
+    status = subprocess.check_output([*git, "status", "--porcelain"], text=True)
+    assert status.strip() == "M run.py"
+
+
 @pytest.mark.slow
 def test_schemas_are_written_anew(tmp_path):
     rorg(tmp_path, "init", "robot")
