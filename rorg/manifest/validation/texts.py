@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import lru_cache, wraps
 from pathlib import Path
 from typing import Any, TypeVar
@@ -25,6 +25,11 @@ _ANSWERS = re.compile(r"(?:http://)?(?:localhost|127\.0\.0\.1|\[::1\]):([0-9]{1,
 _CALLED = re.compile(r"(?<![\w.-])(localhost|127\.0\.0\.1|[A-Za-z][\w.-]*):([0-9]{2,5})(?![0-9])")
 _WORD = re.compile(r"[\w/.:~-]{3,}")
 _NAME = re.compile(r"(?<![\w/.:])/?([A-Za-z]\w{3,})/|(?<![\w/.:~-])/([A-Za-z]\w{3,})(?![\w/.-])")
+_END = re.compile(r"""["'`();|&<>]""")
+"""Ends a word for a shell. shlex leaves some of these in words, such as the `)` of `$(cat /conf/speed)`."""
+_ENDS = re.compile(rf"(?:\s|{_END.pattern})+")
+_EXPANDED = re.compile(r"[*?\[\]{}$]")
+"""Makes a word a pattern or a value that only the shell knows, and no name of a file."""
 LOCAL = ("localhost", "127.0.0.1")
 T = TypeVar("T")
 READ = (".launch", ".xml", ".sh", ".bash", ".py", ".yaml", ".yml")
@@ -76,14 +81,24 @@ def inside(subject: Subject, word: str) -> str:
     return ""
 
 
+def _names(subject: Subject, word: str) -> Iterator[str]:
+    """The words of a command's word that may each be the name of a file."""
+    whole = inside(subject, word)  # a quoted name may have any characters
+    for part in _ENDS.split(word) if subject.script and _END.search(word) and not os.path.lexists(whole) else [word]:
+        if not _EXPANDED.search(part) or os.path.lexists(whole):
+            yield part.partition(":=")[2] or part
+
+
 @once
 def named_files(subject: Subject) -> tuple[tuple[str, str], ...]:
     """(word, path on the machine) of each file of the tree that the command names by its path in the container."""
     words_by_path: dict[str, str] = {}
-    for word in (word for command in subject.commands for word in command if "/" in word and subject.mounts_of_tree):
-        path = inside(subject, word.partition(":=")[2] or word)
+    commands = subject.commands if subject.mounts_of_tree else ()
+    words = (word for command in commands for word in command if "/" in word)
+    for name in (name for word in words for name in _names(subject, word)):
+        path = inside(subject, name)
         if path and len(words_by_path) < MOST_FILES:
-            words_by_path.setdefault(path, word)
+            words_by_path.setdefault(path, name)
     return tuple((word, path) for path, word in words_by_path.items())
 
 

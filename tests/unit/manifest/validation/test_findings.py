@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import time
 from pathlib import Path
@@ -146,6 +147,28 @@ def test_what_the_image_or_the_engine_may_know_is_told_with_an_if(option, unless
     spec = f"image: ros:humble\nprofile: plain\ncommand: ros2 run demo talker {words}\ncontainer: {options}\n"
     monkeypatch.chdir(build(tmp_path, {"net": spec}))
     assert [d.code for d in load(Path(".")).diagnostics if unless in d.message]
+
+
+@pytest.mark.parametrize(
+    ("command", "missing"),
+    [
+        ("sh -c 'nav --speed $(cat /f/speed)'", []),
+        ("sh -c 'nav --speed \"$(cat /f/speed)\"'", []),
+        ("sh -c 'nav --speed `cat /f/speed`'", []),
+        ("sh -c '(cat </f/speed;cat /f/speed)|nav >/dev/null&'", []),
+        ("sh -c 'cat \"/f/a (1)\" /f/*'", []),
+        ("sh -c 'cat /f/s?eed /f/[a-s]peed /f/{speed,a} /f/$NAME ${FILE:-/f/x}'", []),
+        ("cat /f/*", []),
+        ("sh -c 'nav --speed $(cat /f/sped) < /f/in'", ["/f/in", "/f/sped"]),
+        ("sh -c 'cat \"/f/a file\"'", ["/f/a file"]),
+    ],
+)
+def test_files_are_named_by_the_words_of_a_shell(command, missing, tmp_path, monkeypatch):
+    spec = f"image: nav:1\ncommand: {json.dumps(command)}\nmounts: [./f:/f]\n"
+    files = {"nav": spec, "services/f/speed": "1", "services/f/a (1)": "1"}
+    monkeypatch.chdir(build(tmp_path, files))
+    found = [d.message for d in load(Path(".")).diagnostics if d.code == "missing-file"]
+    assert [message.partition(" would be ")[0] for message in found] == missing
 
 
 def test_a_process_has_the_devices_files_and_names_of_its_machine(tmp_path, monkeypatch):
