@@ -12,7 +12,7 @@ from rorg.cli.context import Context
 from rorg.cli.kinds import KIND_OF, KINDS, service_name
 from rorg.cli.names import complete_services
 from rorg.cli.options import Output, RobotEngine, ServiceName
-from rorg.cli.output import dump, echo, missing
+from rorg.cli.output import dump, echo, kind_behind, missing
 from rorg.cli.terminal import printable
 from rorg.errors import Invalid
 
@@ -59,6 +59,8 @@ def command(context: RobotEngine, service: ServiceName, name: NameAfterKind = ""
 def _described_kind(word: str, name: str) -> str:
     """`service` or `group`, as typed before a name. Raises Invalid for an unknown kind, and for one that has no
     descriptions."""
+    if word not in KIND_OF and name in KIND_OF:
+        raise kind_behind("describe", name, [word])
     if word not in KIND_OF:
         raise missing("kind", word, DESCRIBED)
     if word not in DESCRIBED:

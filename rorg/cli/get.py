@@ -74,7 +74,7 @@ def command(
         _only_services(kind)
     while True:
         if kind == "services":
-            chosen = select(context, words, label, group, () if named else KIND_OF.values())
+            chosen = select(context, words, label, group, () if named else KIND_OF)
             rows, full = service_rows(sorted(chosen, key=sort))
         else:
             rows, full = ROWS[kind](context, words)
@@ -189,7 +189,8 @@ def _manifests(kind: str) -> Any:
 
 
 def _requests(context: Context, names: Sequence[str]) -> Found:
-    requests = _named("request", names, context.view()["requests"], "id")
+    view = context.view()
+    requests = _requests_named(context, names, view) if names else view["requests"]
     rows = [
         {
             "id": r["id"],
@@ -204,6 +205,19 @@ def _requests(context: Context, names: Sequence[str]) -> Found:
         for r in requests
     ]
     return rows, requests
+
+
+def _requests_named(context: Context, names: Sequence[str], view: Mapping[str, Any]) -> list[Any]:
+    """The requests with these ids, and those for these services and groups. Raises Invalid for an unknown name."""
+    requests: list[Any] = view["requests"]
+    known = {*(r["id"] for r in requests), *view["services"], *(g["name"] for g in context.groups())}
+    for name in names:
+        if name not in known:
+            raise missing("request", name, known)
+    wanted = {service for name in names for service in (name, *context.members(name))}
+    return [
+        r for r in requests if not wanted.isdisjoint((r["id"], *(m for s in r["services"] for m in context.members(s))))
+    ]
 
 
 def _named(kind: str, names: Sequence[str], known: Sequence[Any], key: str) -> list[Any]:

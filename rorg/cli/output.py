@@ -219,6 +219,12 @@ def missing(what: str, name: str, known: Any) -> Invalid:
     return Invalid(f"find the {what} '{printable(name)}'", f"no such {what}", remedy)
 
 
+def kind_behind(command: str, kind: str, names: Sequence[str]) -> Invalid:
+    """The error for a kind that is typed behind names, and so is taken for the name of a service."""
+    remedy = " ".join(("rorg", command, kind, *map(printable, names)))
+    return Invalid(f"find the service '{kind}'", "a kind comes before names", f"`{remedy}`")
+
+
 class Notices:
     """What a command prints on standard error above its answer, each line once: what is not in force, and who does not
     answer. Standard output stays pure data."""

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import Any
 
 from rorg.cli.context import Context
-from rorg.cli.output import missing, note
+from rorg.cli.output import kind_behind, missing, note
 
 
 def select(
-    context: Context, names: Sequence[str], labels: str, group: str, kinds: Iterable[str]
+    context: Context, names: Sequence[str], labels: str, group: str, kinds: Collection[str]
 ) -> list[dict[str, Any]]:
-    """The services of a view with these names and groups, in this group, with these labels. `kinds`: other words that a
-    name may have been meant as. Raises Invalid for an unknown name."""
+    """The services of a view with these names and groups, in this group, with these labels. `kinds`: the kinds that may
+    come before the names. Raises Invalid for an unknown name."""
     view = context.view()
     if view.get("pid") is None:
         note(f"no rorg runs on {context.state.path}: this is the state of the engine, and nothing manages it")
     known = view["services"]
+    behind = next((n for n in names if n in kinds and n not in known and not {*context.members(n)} & known.keys()), "")
+    if behind:
+        raise kind_behind("get", behind, [name for name in names if name != behind])
     wanted = {m for name in names for m in _members(context, "service", name, known, kinds)}
     inside = _members(context, "group", group, known, ()) if group else known.keys()
     context.notices.of_standing(view)

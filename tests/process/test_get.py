@@ -81,6 +81,28 @@ def test_a_name_in_place_of_a_kind(robot):
     assert "'idle'" in rorg(robot, "get", "idel", code=2)
 
 
+def test_a_kind_behind_a_name_is_told_its_place(robot):
+    why = "cannot find the service '{0}': a kind comes before names; try `rorg {1}`"
+    for kind in ("requests", "request"):
+        assert why.format(kind, f"get {kind} fine") in rorg(robot, "get", "fine", kind, code=2)
+    assert why.format("images", "get images idle fine") in rorg(robot, "get", "idle", "images", "fine", code=2)
+    assert why.format("svc", "describe svc idle") in rorg(robot, "describe", "idle", "svc", code=2)
+
+
+def test_requests_are_chosen_by_id_and_by_what_they_ask_for(robot):
+    rorg(robot, "request", "idle", "--reason", "tour")
+    try:
+        wait_for(lambda: "tour" in rorg(robot, "get", "requests", "-o", "wide"))
+        (found,) = json.loads(rorg(robot, "get", "requests", "idle", "-o", "json"))
+        assert found["services"] == ["idle"]
+        assert json.loads(rorg(robot, "get", "requests", found["id"], "-o", "json")) == [found]
+        assert json.loads(rorg(robot, "get", "requests", "quits", "-o", "json")) == []
+        assert json.loads(rorg(robot, "get", "requests", "good", "-o", "json")) == [found]
+        assert "no such request; try 'idle'" in rorg(robot, "get", "requests", "idel", code=2)
+    finally:
+        rorg(robot, "release", "idle")
+
+
 def test_services_are_chosen_by_group_and_label(robot):
     assert names(rorg(robot, "get", "--group", "good")) == ["fine", "idle"]
     assert names(rorg(robot, "get", "-l", "site=lab,arm")) == ["fine"]
