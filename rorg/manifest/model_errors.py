@@ -12,9 +12,10 @@ from rorg.manifest.fields import model_of
 from rorg.manifest.hints import remedy_for
 from rorg.manifest.models import API_VERSION
 from rorg.manifest.option_checks import PARTIAL
-from rorg.manifest.option_forms import Strict
+from rorg.manifest.option_forms import NotTextError, Strict
 from rorg.manifest.yaml_source import Document, as_scalar
 from rorg.manifest.yaml_source import Path as Loc
+from rorg.manifest.yaml_text import scalar
 from rorg.model.diagnostics import Diagnostic, Where
 
 
@@ -40,6 +41,20 @@ def validated(model: type[Strict], document: Document, value: object, at: Loc) -
 
 BOOLEANS = {"yes": "true", "on": "true", "y": "true", "no": "false", "off": "false", "n": "false"}
 """Booleans of YAML 1.1, which are texts in YAML 1.2."""
+
+
+WANTED = {"list_type": "list", "string_type": "text"}
+"""Error of pydantic -> what the value should be."""
+TYPES: dict[str, type | tuple[type, ...]] = {
+    "boolean": bool,
+    "number": (int, float),
+    "text": str,
+    "list": list,
+    "mapping": dict,
+}
+"""What a value is -> its types; a boolean of Python is also a number."""
+LONGEST = 60
+"""Characters of a value in a message."""
 
 
 TRIES = 5
@@ -131,12 +146,31 @@ def _explain(model: type[Strict], document: Document, entry: Any, at: Loc) -> Di
     if entry["type"] == "bool_type" and str(entry["input"]).lower() in BOOLEANS:
         remedy = BOOLEANS[str(entry["input"]).lower()]
         text = f"'{entry['input']}' is a text, not true or false"
+    raised = isinstance(entry.get("ctx", {}).get("error"), NotTextError)
+    if wanted := "text" if raised else WANTED.get(entry["type"]):
+        text, remedy = _other_type(entry["input"], wanted)
     if entry["type"] == "string_pattern_mismatch" and document.values.get(loc):
         text = f"{entry['input']!r} is not allowed here; it must match {entry['ctx']['pattern']}"
     if entry["type"] == "model_type" or entry["type"] == "dict_type":
         text = "must be a mapping"
     name = ".".join(str(part) for part in loc if document.values.get(loc[: loc.index(part) + 1])) or "manifest"
     return Diagnostic(where, f"{name}: {text[0].lower() + text[1:]}", remedy)
+
+
+def _other_type(value: object, wanted: str) -> tuple[str, str]:
+    """What is wrong with a value of another type, and how it may be written. A list of one text, and quotes around what
+    YAML reads as a number or a boolean, are sure to be meant."""
+    if value is None:
+        return f"a {wanted} is missing", ""
+    kind = next((name for name, types in TYPES.items() if isinstance(value, types)), "value")
+    if kind in ("list", "mapping", "value"):
+        return f"it is a {kind}, not a {wanted}", ""
+    written = scalar(value)
+    shown = "it" if len(written) > LONGEST else written if written.startswith('"') else f"'{written}'"
+    if wanted == "text":
+        return f"{shown} is a {kind}, not a text", "quotes around it"
+    item = written if kind == "text" else scalar(written)
+    return f"{shown} is a {kind}, not a list", "brackets around it" if shown == "it" else f"[{item}]"
 
 
 def _place(document: Document, loc: Loc) -> Loc:

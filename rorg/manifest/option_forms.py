@@ -25,16 +25,29 @@ class Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
 
+class NotTextError(ValueError):
+    """A number or a boolean where a text is meant; YAML reads it as a text if it has quotes."""
+
+
+def _text_or_list(value: object) -> object:
+    """Refuses what YAML reads as a number or a boolean. pydantic would ask for a list, and quotes are enough."""
+    if isinstance(value, int | float):
+        raise NotTextError
+    return value
+
+
 def _words(value: object) -> object:
+    if not isinstance(value, str):
+        return _text_or_list(value)
     try:
-        return shlex.split(value) if isinstance(value, str) else value
+        return shlex.split(value)
     except ValueError as error:
         raise ValueError(f"not a command line: {error}") from error
 
 
 def one_or_many(value: object) -> object:
     """Converts a single text to a list."""
-    return [value] if isinstance(value, str) else value
+    return [value] if isinstance(value, str) else _text_or_list(value)
 
 
 def _pairs(value: object) -> object:

@@ -106,7 +106,7 @@ def test_a_broken_item_of_a_list_hides_no_mistake_of_the_others(tmp_path):
     )
     found = [f"{Path(d.where.file).stem}:{d.where.line}:{d.where.column}: {d.message}" for d in loaded.errors]
     assert found == [
-        "other:6:15: spec.conflicts.0: input should be a valid string",
+        "other:6:15: spec.conflicts.0: '3' is a number, not a text",
         "other:6:18: conflicts unknown service 'anybody'",
         "probed:6:27: unknown key 'bogus'",
         "probed:6:44: spec.ready.all.1.tcp: must be PORT or HOST:PORT, with a port from 1 to 65535",
@@ -115,7 +115,7 @@ def test_a_broken_item_of_a_list_hides_no_mistake_of_the_others(tmp_path):
         "user:8:5: needs unknown service 'nobody'",
         "user:9:22: unknown key 'bogus'",
         "user:10:5: needs unknown service 'nothing'",
-        "user:11:24: spec.may_request.1: input should be a valid string",
+        "user:11:24: spec.may_request.1: it is a mapping, not a text",
         "user:11:28: unknown service 'somebody'",
     ]
 

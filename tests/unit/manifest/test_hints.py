@@ -186,6 +186,45 @@ def test_words_of_yaml_1_1_are_no_booleans(text, remedy):
 
 
 @pytest.mark.parametrize(
+    ("field", "value", "about", "remedy"),
+    [
+        ("spec.needs", "x", "a text, not a list", "[x]"),
+        ("spec.mounts", "./a, b:/b", "a text, not a list", '["./a, b:/b"]'),
+        ("spec.container.cap_add", "ALL", "a text, not a list", "[ALL]"),
+        ("spec.needs", "true", "a boolean, not a list", '["true"]'),
+        ("spec.command", "true", "a boolean, not a text", "quotes around it"),
+        ("spec.profile", "12", "a number, not a text", "quotes around it"),
+        ("spec.ready.exec", "false", "a boolean, not a text", "quotes around it"),
+        ("spec.image", "12", "a number, not a text", "quotes around it"),
+        ("spec.image", "1.10", "a number, not a text", "quotes around it"),
+        ("spec.container.hostname", "true", "a boolean, not a text", "quotes around it"),
+        ("metadata.description", "5", "a number, not a text", "quotes around it"),
+        ("spec.command", "[a, 5]", "a number, not a text", "quotes around it"),
+        ("spec.image", "[x]", "a list, not a text", ""),
+        ("spec.needs", "{x: y}", "a mapping, not a list", ""),
+        ("spec.needs", "", "a list is missing", ""),
+    ],
+)
+def test_a_value_of_another_type_is_told_how_to_be_written(field, value, about, remedy):
+    first, *path = field.split(".")
+    manifest = _manifest("Service")
+    at = manifest[first]
+    for part in path[:-1]:
+        at = at.setdefault(part, {})
+    at[path[-1]] = "VALUE"
+
+    def found(written: str) -> list[str]:
+        text = yaml.safe_dump(manifest).replace("VALUE", written)
+        return [f"{d.message}; {d.remedy}" for d in read_source(text, Path("nav.yaml"), "nav.yaml", Path("."))[1]]
+
+    (one,) = found(value)
+    assert one.startswith(field)
+    assert one.endswith(f"{about}; {remedy}")
+    if remedy:
+        assert found(remedy if remedy.startswith("[") else f"'{value}'" if value[0] != "[" else "[a, '5']") == []
+
+
+@pytest.mark.parametrize(
     ("text", "place"),
     [
         ("spec:\n\timage: x\n", "nav.yaml:2:1"),
