@@ -24,8 +24,8 @@ class Metadata(Strict):
     """The name of a manifest, its description and its labels."""
 
     name: Name = field(
-        "Its name, unique in its kind: up to 63 letters, digits, -, _ and dots. Two names must not differ only "
-        "by case.",
+        "Its name, unique in its kind: 2 to 63 letters, digits, -, _ and dots. One letter is enough for a service with "
+        "a container_name. Two names must not differ only by case.",
         "navigation",
         ...,
     )

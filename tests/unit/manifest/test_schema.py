@@ -11,7 +11,7 @@ from common import ROOT
 
 from rorg.manifest.documents import manifest_files
 from rorg.manifest.load import load
-from rorg.manifest.schema import write
+from rorg.manifest.schema import schema, write
 
 
 def test_schemas_are_current():
@@ -46,3 +46,21 @@ def test_tritonbot_is_41_services_without_a_finding():
     loaded = load(ROOT / "manifests")
     assert loaded.diagnostics == ()
     assert sum(not s.meta for s in loaded.catalog.services.values()) == 41
+
+
+def test_the_length_of_names_is_as_it_is_described(tmp_path):
+    """Docker refuses containers whose names have one letter, and so does rorg for each engine."""
+    text = "apiVersion: rorg/v1\nkind: Service\nmetadata: {{name: {}}}\nspec: {}\n"
+    (tmp_path / "services").mkdir()
+
+    def accepted(name: str, spec: str = "{image: i}") -> bool:
+        (tmp_path / f"services/{name}.yaml").write_text(text.format(name, spec))
+        errors = load(tmp_path, engine="process").errors
+        (tmp_path / f"services/{name}.yaml").unlink()
+        return not errors
+
+    assert [n for n in (1, 2, 63, 64) if accepted("a" * n)] == [2, 63]
+    assert accepted("a", "{image: i, container: {container_name: arm}}")
+    description = json.dumps(schema("Service"))
+    assert "2 to 63 letters" in description
+    assert "a service with a container_name" in description
