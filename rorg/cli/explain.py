@@ -147,16 +147,14 @@ def _manifest(place: Place) -> dict[str, Any]:
 
 
 def _as_json(place: Place) -> dict[str, Any]:
-    import inspect
-
-    from rorg.manifest.field_texts import fields_of
+    from rorg.manifest.field_texts import about, fields_of
 
     explanation: dict[str, Any] = {"field": place.path}
     if place.field:
         explanation |= _told(place.field)
     else:
         explanation |= {
-            "description": " ".join((inspect.getdoc(place.model) or "").split()),
+            "description": " ".join(about(place.model).split()) if place.model else "",
             "example": _manifest(place),
         }
     if place.model:

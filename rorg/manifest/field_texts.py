@@ -3,6 +3,7 @@ it."""
 
 from __future__ import annotations
 
+import inspect
 import json
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -14,6 +15,7 @@ from pydantic.fields import FieldInfo
 
 from rorg.manifest.container import ContainerOptions
 from rorg.manifest.fields import Written, model_of
+from rorg.manifest.models import FOLDERS, SPECS
 from rorg.manifest.profiles import SHIPPED, built_in_profiles, declared
 from rorg.model.units import format_duration
 
@@ -36,6 +38,15 @@ class FieldText:
     """Cost of a change: live, recreate or none; empty if this does not apply."""
     model: type[BaseModel] | None
     """The model of its value, or of the items of its value."""
+
+
+def about(model: type[BaseModel]) -> str:
+    """What a model is for; for a kind of manifest also the folder that its files must be in."""
+    text = inspect.getdoc(model) or ""
+    places = (f"{folder}/NAME.yaml" for folder, kind in FOLDERS.items() if SPECS[kind] is model)
+    return "\n\n".join(
+        [text, *(f"Its file is `{place}`, or it is directly in the tree's own directory." for place in places)]
+    )
 
 
 @cache

@@ -16,7 +16,7 @@ from rorg.cli.explain import _page
 from rorg.manifest.effective import effective
 from rorg.manifest.field_paths import all_paths, find, nearest_path
 from rorg.manifest.load import load, load_or_raise
-from rorg.manifest.models import EXAMPLES, SPECS
+from rorg.manifest.models import EXAMPLES, FOLDERS, SPECS
 
 FOUND = {
     "service": "service",
@@ -84,6 +84,13 @@ def test_every_field_of_every_kind_has_a_page():
         page = _page(place)
         assert path in page.splitlines()[0]
         assert "\nEXAMPLE\n" in page
+
+
+def test_each_kind_names_its_folder(tmp_path):
+    reference = (ROOT / "docs/reference/manifests.md").read_text()
+    for folder, kind in FOLDERS.items():
+        assert f"`{folder}/NAME.yaml`" in " ".join(rorg(kind.lower(), at=tmp_path).stdout.split())
+        assert f"`{folder}/NAME.yaml`" in reference.partition(f"\n## {kind}\n")[2].partition("\n## ")[0]
 
 
 @pytest.mark.parametrize("kind", SPECS)
