@@ -45,6 +45,17 @@ def test_links_to_a_heading_lead_to_one(page):
         assert target.suffix != ".md" or anchor in anchors(target), f"{link}#{anchor}"
 
 
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_no_log_is_written_into_a_tree(page):
+    """Each revision there would have uncommitted files beside its commit, and a `+` in the history."""
+    assert not re.findall(r"^\$ .*rorg run .*2> ?[\w-]+\.log", page.read_text(), re.M)
+
+
+def test_the_plus_behind_a_commit_is_explained():
+    for page in ("how-to/history.md", "reference/output.md"):
+        assert re.search(r"`\+`[^|\n]*uncommitted", (ROOT / "docs" / page).read_text()), page
+
+
 def test_the_files_that_contributing_names_are_there():
     for name in re.findall(r"`((?:rorg|tests|docs)/[\w/.-]+)`", (ROOT / "CONTRIBUTING.md").read_text()):
         assert (ROOT / name).exists() or "NAME" in name, name

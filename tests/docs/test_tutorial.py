@@ -43,6 +43,7 @@ KNOWN = {
         for machine in ("body", "head")
         for name in ("instance", "machine.json", "requests.yaml", "journal.db")
     ),
+    *(f"/root/{name}.log" for name in ("run", "body", "head")),
     "/root/.gitconfig",
     "/etc/hostname",
     "/etc/resolv.conf",
