@@ -18,7 +18,7 @@ _rorg() {
     COMPREPLY=()
     case "${found[0]-}" in
         :files) compopt -o default ;;
-        :directories) compopt -o dirnames ;;
+        :directories) compopt -o filenames -o plusdirs; COMPREPLY=("${found[@]:1}") ;;
         *) COMPREPLY=("${found[@]}") ;;
     esac
 }
@@ -31,7 +31,7 @@ _rorg() {
     found=("${(@f)$(_RORG_COMPLETE=zsh rorg "${(@Q)words[2,CURRENT]}" 2>/dev/null)}")
     case "$found[1]" in
         :files) _files ;;
-        :directories) _files -/ ;;
+        :directories) shift found; (( $#found )) && _describe rorg found; _files -/ ;;
         ?*) _describe rorg found ;;
     esac
 }
@@ -47,6 +47,7 @@ function __rorg_complete
             __fish_complete_path (commandline -ct)
         case ':directories'
             __fish_complete_directories (commandline -ct)
+            printf '%s\\n' $found[2..-1]
         case '*'
             printf '%s\\n' $found
     end
@@ -55,8 +56,8 @@ complete --command rorg --no-files --arguments '(__rorg_complete)'
 """
 SCRIPTS = {"bash": BASH, "zsh": ZSH, "fish": FISH}
 """Each passes the words of the line to rorg, the last one unfinished, and gets its completions, one per line; or :files
-or :directories, which the shell completes itself. typer's own scripts offer files where no name fits, and that for
-fish starts rorg twice."""
+or :directories, which the shell completes itself. Words may follow :directories. typer's own scripts offer files where
+no name fits, and that for fish starts rorg twice."""
 PATHS = {"file": ":files", "dir": ":directories"}
 BREAKS = ("=", ":")
 """Characters that are words of their own to bash."""

@@ -11,7 +11,7 @@ import typer
 from rorg.cli.context import Context
 from rorg.cli.differences import Differences, differences, line, past_of, tree_of, warn_of_other_tree
 from rorg.cli.names import complete_revisions, complete_services
-from rorg.cli.options import Directory, EngineName, Form, StateDirectory
+from rorg.cli.options import DirectoryOrRev, EngineName, Form, StateDirectory
 from rorg.cli.output import dump, echo, note, print_rows
 from rorg.cli.terminal import printable
 from rorg.errors import Exit, Invalid
@@ -36,7 +36,7 @@ Output = Annotated[
 
 
 def command(
-    directory: Directory = None,
+    directory: DirectoryOrRev = None,
     rev: Rev = "",
     service: Annotated[
         str, typer.Option("--service", help="Only this service.", metavar="SERVICE", autocompletion=complete_services)

@@ -41,7 +41,7 @@ class Seconds(float):
         return format_seconds(self)
 
 
-class _Path(TyperPath):
+class CompletedPath(TyperPath):
     """A path that the shell itself completes. Whether it exists and may be read, the command checks."""
 
     def __init__(self, completes: str, path_type: type = Path) -> None:
@@ -53,8 +53,8 @@ class _Path(TyperPath):
         return [CompletionItem(incomplete, type=self.completes)]
 
 
-FILE, DIRECTORY = _Path("file"), _Path("dir")
-FILE_NAME, DIRECTORY_NAME = _Path("file", str), _Path("dir", str)
+FILE, DIRECTORY = CompletedPath("file"), CompletedPath("dir")
+FILE_NAME, DIRECTORY_NAME = CompletedPath("file", str), CompletedPath("dir", str)
 """The same for values that may be something else, such as a URL."""
 
 

@@ -7,11 +7,12 @@ import contextlib
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
+from typer._click.shell_completion import CompletionItem
 
-from rorg.cli.kinds import KINDS
+from rorg.cli.kinds import KINDS, CompletedPath
 from rorg.model.event_kinds import EVENT_KINDS
 
 if TYPE_CHECKING:
@@ -97,6 +98,15 @@ def complete_revisions(ctx: typer.Context, incomplete: str) -> list[tuple[str, s
         found = [(str(r["number"]), f"{r['standing']} {r['at'][:16]} {r['subject']}") for r in listed]
         return [(number, about) for number, about in found if number not in typed and number.startswith(incomplete)]
     return []
+
+
+class DirectoryOrRevision(CompletedPath):
+    """The first argument: a directory, or a revision in its place."""
+
+    def shell_complete(self, ctx: Any, _param: object, incomplete: str) -> list[CompletionItem]:
+        revisions = complete_revisions(ctx, incomplete)
+        found = (CompletionItem(number, help=about) for number, about in revisions)
+        return [*super().shell_complete(ctx, _param, incomplete), *found]
 
 
 def complete_event_kinds(incomplete: str) -> list[str]:

@@ -14,7 +14,7 @@ import typer
 from rorg.cli.context import ROBOT as ROBOT_VARIABLE
 from rorg.cli.context import Context
 from rorg.cli.kinds import DIRECTORY, FILE, duration, moment, service_name
-from rorg.cli.names import complete_services
+from rorg.cli.names import DirectoryOrRevision, complete_services
 from rorg.cli.places import socket_of
 from rorg.errors import Invalid
 
@@ -27,6 +27,13 @@ Directory = Annotated[
     typer.Argument(
         help="Directory of manifests (default: the running rorg's, else ./manifests).",
         click_type=DIRECTORY,
+    ),
+]
+DirectoryOrRev = Annotated[
+    Path | None,
+    typer.Argument(
+        help="Directory of manifests (default: the running rorg's, else ./manifests).",
+        click_type=DirectoryOrRevision("dir"),
     ),
 ]
 ManifestsDirectory = Annotated[
@@ -177,7 +184,7 @@ def with_shared_options(command: Callable[..., Any]) -> Callable[..., Any]:
 def _place_options(hints: list[Any]) -> dict[str, Any]:
     """The options that commands have without declaring them, because they have these."""
     found: dict[str, Any] = {}
-    if Directory in hints or ManifestsDirectory in hints:
+    if not {Directory, DirectoryOrRev, ManifestsDirectory}.isdisjoint(hints):
         found["robot"] = RobotName
     if StateDirectory in hints:
         found |= {"socket": Socket, "on_machine": OnMachine}

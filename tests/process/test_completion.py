@@ -52,7 +52,7 @@ OFFERED = [
     ("graph images ", {":directories"}),
     ("simulate ", {":files"}),
     ("simulate day.yaml ", {":directories"}),
-    ("diff ", {":directories"}),
+    ("diff ", {"1", ":directories"}),
     ("why --state-dir ", {":directories"}),
     ("get ", {*(names[0] for names in KINDS.values()), *SERVICES, "developer", "driving"}),
     ("get p", {"policies", "profiles"}),
