@@ -127,15 +127,18 @@ def _clock(host: Installation) -> Iterator[Check]:
 
 def _disks(host: Installation) -> Iterator[Check]:
     for space in host.spaces:
-        name, shown = f"disk {space.path}", f"{format_memory(space.free)} of {format_memory(space.total)} are free"
-        short = space.free < TOO_LITTLE
-        if short or space.free < LITTLE or _no_files(space):
-            what = shown if not _no_files(space) else f"{space.files} more files can be created"
-            yield Check(
-                name, ERROR if short else WARNING, what, "`rorg image prune`, `docker system df`, or delete old bags"
-            )
+        name, shown = f"disk {space.path}", f"{format_memory(space.free)} of {format_memory(space.total)}"
+        remedy = "`rorg image prune`, `docker system df`, or delete old bags"
+        if space.free < TOO_LITTLE:
+            message = f"less than {format_memory(TOO_LITTLE)} are free, which the history may need: {shown}"
+            yield Check(name, ERROR, message, remedy)
+        elif _no_files(space):
+            yield Check(name, WARNING, f"{space.files} more files can be created", remedy)
+        elif space.free < LITTLE:
+            message = f"less than {format_memory(LITTLE)} are free, which an image may need: {shown}"
+            yield Check(name, WARNING, message, remedy)
         else:
-            yield Check(name, OK, shown)
+            yield Check(name, OK, f"{shown} are free")
 
 
 def _no_files(space: Space) -> bool:

@@ -86,9 +86,18 @@ def test_what_is_well_is_told():
     ("space", "status", "message"),
     [
         (Space("/", 2 << 30, 4 << 30), OK, "2.0Gi of 4.0Gi are free"),
-        (Space("/", (2 << 30) - 1, 4 << 30), WARNING, "2.0Gi of 4.0Gi are free"),
-        (Space("/", 200 << 20, 4 << 30), WARNING, "200Mi of 4.0Gi are free"),
-        (Space("/", (200 << 20) - 1, 4 << 30), ERROR, "200Mi of 4.0Gi are free"),
+        (
+            Space("/", (2 << 30) - 1, 4 << 30),
+            WARNING,
+            "less than 2.0Gi are free, which an image may need: 2.0Gi of 4.0Gi",
+        ),
+        (Space("/", 200 << 20, 4 << 30), WARNING, "less than 2.0Gi are free, which an image may need: 200Mi of 4.0Gi"),
+        (
+            Space("/", (200 << 20) - 1, 4 << 30),
+            ERROR,
+            "less than 200Mi are free, which the history may need: 200Mi of 4.0Gi",
+        ),
+        (Space("/", 12 << 20, 12 << 20), ERROR, "less than 200Mi are free, which the history may need: 12Mi of 12Mi"),
         (Space("/", 2 << 30, 4 << 30, 10_000), OK, "2.0Gi of 4.0Gi are free"),
         (Space("/", 2 << 30, 4 << 30, 9_999), WARNING, "9999 more files can be created"),
         (Space("/", 2 << 30, 4 << 30, 1), WARNING, "1 more files can be created"),
