@@ -65,7 +65,6 @@ def track(kept: Tracked | None, facts: Facts, touched: Collection[str]) -> Track
     """Update the progress of services. `touched` are services whose containers changed since the last pass. Call it
     only for a complete observation; renew_all() is for incomplete ones."""
     memory, desired = facts.memory, facts.desired
-    before = kept.facts.desired.contents if kept else desired.contents
     if kept and not _comparable(kept.facts, facts, touched):
         kept = None
     names = _to_review(kept, facts, touched) if kept else {*desired.digests, *memory.progress}
@@ -73,8 +72,7 @@ def track(kept: Tracked | None, facts: Facts, touched: Collection[str]) -> Track
     gone, names = _gone(facts, names), names & desired.digests.keys()
     for name in names:
         service, last, evidence = desired.catalog.services[name], memory.of(name), facts.evidence(name)
-        last_known = parameters_noted(last, facts.results.get((name, ROLE)))
-        progress_now = _reviewed(last_known, service, desired, evidence, before.get(name, {}))
+        progress_now = _reviewed(parameters_noted(last, facts.results.get((name, ROLE))), service, desired, evidence)
         if not (unchanged := progress_now is last and name in memory.progress):
             changes[name] = progress_now
         due[name] = _changes_at(progress_now, service, evidence, desired) if unchanged else -inf
@@ -123,16 +121,14 @@ def _to_review(kept: Tracked, facts: Facts, touched: Collection[str]) -> set[str
     return names
 
 
-def _reviewed(
-    progress: Progress, service: Service, desired: Desired, evidence: Evidence, before: Mapping[str, str]
-) -> Progress:
-    """Return the progress of one service after this pass. `before`: its mounted content in the last pass."""
+def _reviewed(progress: Progress, service: Service, desired: Desired, evidence: Evidence) -> Progress:
+    """Return the progress of one service after this pass."""
     name = service.name
     current = evidence.observed.current(name)
     progress = freed(renewed(progress, desired.editions[name], evidence.now), service, desired)
     progress = advanced(progress, with_probes_in_force(service, progress.update, current, desired), evidence)
-    if name in desired.contents and current is not None:
-        update = progress.update.noting(current, desired.contents[name], before)
+    if name in desired.contents:
+        update = progress.update.noting(current, desired.contents[name])
         progress = progress if update == progress.update else replace(progress, update=update)
     if name in desired.ros:
         progress = begun_with(progress, service, current, desired.ros[name])

@@ -63,6 +63,8 @@ class Update:
     """The incarnation that `content` is about."""
     content: Mapping[str, str] = field(default_factory=dict)
     """Content that this run has read: mounted path -> digest."""
+    present: Mapping[str, str] = field(default_factory=dict)
+    """The content in the last pass of this rorg."""
     begun: Mapping[str, str] | None = None
     """From rorg's start call until the service is seen running: the content at that time."""
 
@@ -119,15 +121,19 @@ class Update:
     def _others(self) -> dict[str, str]:
         return {edition: why for edition, why in self.quarantined.items() if edition != self.edition}
 
-    def noting(self, current: Container, present: Mapping[str, str], before: Mapping[str, str]) -> Update:
-        """Note what the current run has read. A run that rorg started has read what was there at the start. One that
-        somebody else started may have begun before the last change, so it is taken to have read what was there
-        `before`, in the last pass. For a run that rorg finds at its own start, the present content is assumed, because
-        a new rorg must restart nothing on its own. `present` and `before` map mounted paths to digests."""
+    def noting(self, current: Container | None, present: Mapping[str, str]) -> Update:
+        """Note what is there, and what the current run has read of it. A run that rorg started has read what was there
+        at the start. One that somebody else started may have begun before the last change, so it is taken to have read
+        what was there in the last pass. For a run that rorg finds at its own start, the present content is assumed,
+        because a new rorg must restart nothing on its own. `present` maps mounted paths to their digests now."""
+        noted = self if current is None else self._noting_run(current, present)
+        return noted if noted.present == present else replace(noted, present=present)
+
+    def _noting_run(self, current: Container, present: Mapping[str, str]) -> Update:
         if not current.alive or current.brief:
             return self
         if self.run != current.incarnation:
-            begun = before if self.begun is None else self.begun
+            begun = self.present if self.begun is None else self.begun
             content = {path: begun.get(path, digest) for path, digest in present.items()}
             return replace(self, run=current.incarnation, content=content, begun=None)
         if self.content.keys() != present.keys():

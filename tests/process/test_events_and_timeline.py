@@ -287,7 +287,7 @@ def test_an_image_that_was_built_anew_and_content_that_changed_are_told(history)
     one, revisions = made(1), Revisions(history)
     for other, text in (
         (replace(one, image_id="sha256:9"), "image_id: sha256:1 -> sha256:9"),
-        (replace(one, edition="other"), "content changed"),
+        (replace(one, edition="other"), "probes or mounted files changed"),
         (replace(one, image_id=""), None),
     ):
         old, new = begun(revisions, "a", arm=one), begun(revisions, "b", arm=other)

@@ -120,17 +120,17 @@ def test_failed_editions_are_remembered_up_to_a_number():
 
 def test_a_run_has_read_what_was_there_when_it_began():
     run, present = f"base@{STARTED}", {"map": "2", "log": "1"}
-    assert Update().noting(box(), present, present) == Update(run=run, content=present)
-    assert Update().noting(box(), present, {"map": "1"}).content == {"map": "1", "log": "1"}, (
-        "perhaps before the change"
-    )
-    begun = Update(begun={"map": "1"})
-    assert begun.noting(box(), present, present) == Update(run=run, content={"map": "1", "log": "1"})
-    assert begun.noting(box(state="exited"), present, present) is begun
-    assert begun.noting(replace(box(), brief=True), present, present) is begun
-    known = Update(run=run, content={"map": "1"})
-    assert known.noting(box(), {"map": "2"}, present) is known
-    assert known.noting(box(), present, present).content == {"map": "1", "log": "1"}
+    assert Update().noting(box(), present) == Update(run=run, content=present, present=present)
+    mixed = {"map": "1", "log": "1"}
+    assert Update(begun={"map": "1"}).noting(box(), present) == Update(run=run, content=mixed, present=present)
+    by_hand = Update(present={"map": "1"}).noting(box(), present)
+    assert (by_hand.content, by_hand.present) == (mixed, present), "perhaps before the change"
+    begun = Update(begun={"map": "1"}, present=present)
+    for none_of_rorgs in (None, box(state="exited"), replace(box(), brief=True)):
+        assert begun.noting(none_of_rorgs, present) is begun
+    known = Update(run=run, content={"map": "1"}, present={"map": "2"})
+    assert known.noting(box(), {"map": "2"}) is known
+    assert known.noting(box(), present).content == mixed
     assert known.changed_content(box(), present) == ("map",)
     assert known.changed_content(box(), {"map": "1"}) == ()
     assert known.changed_content(replace(box(), started_at="later"), present) == ()
