@@ -191,6 +191,7 @@ def test_one_service_goes_back_with_the_files_that_it_mounts(running):
     assert git(running, "diff", "--name-only", "HEAD^") == "services/conf/map"
 
 
+@pytest.mark.slow
 def test_one_service_goes_not_back_with_files_that_another_mounts_too(running):
     other = {"other": {"mounts": ["./conf/map:/map"]}}
     third = maps(running, "3", **other)
@@ -203,6 +204,7 @@ def test_one_service_goes_not_back_with_files_that_another_mounts_too(running):
     assert git(running, "log", "-1", "--format=%s") == "map bad"
 
 
+@pytest.mark.slow
 def test_one_service_of_which_only_other_files_differ_goes_back_with_all(running):
     variables = running.tree / "services/variables"
     for value, standing in (("good", "good"), ("bad", "failed")):
@@ -227,6 +229,7 @@ def test_the_printed_commands_do_the_same(running):
     assert git(robot, "log", "-1", "--format=%s") == f"Roll back to {robot.first[:12]}: one"
 
 
+@pytest.mark.slow
 def test_commands_that_would_drop_uncommitted_changes_are_not_printed(running):
     (running.tree / "services/arm.yaml").open("a").write("# mine\n")
     told = rorg(running, "rollback", "1", "--print", code=5)
@@ -290,6 +293,7 @@ def test_a_rollback_leads_to_the_last_other_contents_also_after_a_revert_to_the_
     assert "cannot roll" in rorg(running, "rollback", *words, "--yes", code=5), "there is nothing further back"
 
 
+@pytest.mark.slow
 def test_what_fails_goes_back_although_a_good_change_of_another_service_came_later(running):
     stands(running, commit(running, "three", {"arm": ends(7), "base": says(2)}), "failed")
     stands(running, commit(running, "four", {"arm": ends(7), "base": says(4)}), "failed")
@@ -303,12 +307,14 @@ def probed(seconds: int) -> dict:
     return {**says(2), "ready": {"log": "^never", "timeout": f"{seconds}s"}}
 
 
+@pytest.mark.slow
 def test_a_probe_that_fails_goes_back_although_a_good_change_of_another_service_came_later(running):
     stands(running, commit(running, "three", {"arm": probed(1), "base": says(2)}), "failed")
     stands(running, commit(running, "four", {"arm": probed(1), "base": says(4)}), "failed")
     assert back(running) == "Roll back to 2"
 
 
+@pytest.mark.slow
 def test_what_was_superseded_while_a_change_was_not_proven_is_no_goal_as_long_as_it_is_not(running):
     third = commit(running, "three", {"arm": probed(60), "base": says(2)})
     wait_for(lambda: revisions(running)[0].commit == third)
@@ -318,6 +324,7 @@ def test_what_was_superseded_while_a_change_was_not_proven_is_no_goal_as_long_as
     assert back(running) == "Roll back to 2"
 
 
+@pytest.mark.slow
 def test_a_revision_that_failed_for_an_earlier_change_names_that_change(running):
     stands(running, commit(running, "three", {"arm": ends(7), "base": says(2)}), "failed")
     stands(running, commit(running, "four", {"arm": ends(7), "base": says(4)}), "failed")
@@ -390,6 +397,7 @@ def test_without_a_goal_five_revisions_are_named_with_why_each_was_not_taken(fre
     ]
 
 
+@pytest.mark.slow
 def test_nothing_earlier_differs_in_what_fails(fresh):
     marker = fresh.tree.parent / "marker"
     marker.write_text("")
@@ -456,6 +464,7 @@ def test_a_comparison_of_revisions_leads_to_the_manifests_if_no_container_differ
     assert rorg(running, "history", "diff", "3", "3") == "the manifests of revisions 3 and 3 are the same\n"
 
 
+@pytest.mark.slow
 def test_what_cannot_be_done_changes_nothing(running):
     assert "find the revision 'nonsense'" in rorg(running, "rollback", "nonsense", code=2)
     assert "find the revision '99'" in rorg(running, "rollback", "99", code=2)
@@ -516,6 +525,7 @@ def test_one_service_of_a_fleet_with_its_overlay(tmp_path):
     robot.close()
 
 
+@pytest.mark.slow
 def test_restore_brings_requests_back_too(robot):
     """Of people; what has a lease is left alone."""
     served = robot.loop is not None
