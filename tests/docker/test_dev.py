@@ -21,7 +21,7 @@ from robots import WORK, RealRobot
 from terminals import Terminal, environment
 
 from rorg.engines.docker.body import create_body
-from rorg.host.git import identity
+from rorg.host.git import configured_identity
 from rorg.host.person import Person, caller
 from rorg.images.dev import COVERED, HOME, STAY, Developer, declared_digest, dev_spec, drift, name_for
 from rorg.images.devcontainer import document
@@ -354,7 +354,7 @@ def test_git_knows_the_person_and_x11_the_screen(robot, workspace, tmp_path):
 
 
 def test_whom_git_does_not_know_has_no_variables(tmp_path):
-    assert identity(str(tmp_path)) == identity("") == identity("/nosuch") == {}
+    assert configured_identity(str(tmp_path)) == configured_identity("") == configured_identity("/nosuch") == {}
 
 
 # -- for editors -----------------------------------------------------------------------------------------------
