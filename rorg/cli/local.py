@@ -68,25 +68,19 @@ def decision_for(place: Place, desired: Desired) -> Decision:
     return _look(place, desired, observed, _ready(place, first, desired))
 
 
-def glance(place: Place, catalog: Catalog, document: RequestsDocument | None = None) -> Decision:
+def glance(place: Place, catalog: Catalog) -> Decision:
     """The same without probes, which do not affect what may be requested. If the engine does not answer, nothing is
-    known of what runs, as in a pass of the loop. `document`: what is requested, if that is not the requests file."""
+    known of what runs, as in a pass of the loop."""
     try:
         observed = Observed(tuple(place.engine().list()))
     except Unreachable as error:
         observed = Observed((), complete=False, error=str(error))
-    return _look(place, desire(catalog), observed, document=document)
+    return _look(place, desire(catalog), observed)
 
 
-def _look(
-    place: Place,
-    desired: Desired,
-    observed: Observed,
-    memory: Memory | None = None,
-    document: RequestsDocument | None = None,
-) -> Decision:
+def _look(place: Place, desired: Desired, observed: Observed, memory: Memory | None = None) -> Decision:
     """The decision of one pass, with the memory of the last rorg unless another is given."""
-    document, present = document or place.document(), moment()
+    document, present = place.document(), moment()
     if memory is None:
         memory = replace(_remembered(place), kept=read_kept(place.state.path))
     return decide(

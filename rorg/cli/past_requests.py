@@ -7,9 +7,9 @@ from functools import cached_property
 from pathlib import Path
 
 from rorg.cli.context import Context
-from rorg.cli.local import glance
 from rorg.cli.operations import operating
 from rorg.cli.terminal import printable
+from rorg.core.wanted import wanted
 from rorg.errors import Refused
 from rorg.history.database import reading
 from rorg.history.meta_requests import Asked
@@ -53,10 +53,11 @@ class EarlierRequests:
 
     def effects(self, catalog: Catalog) -> list[str]:
         """Which services these changes start and end under manifests, for people. Drivers are marked."""
-        document = self.context.document().without({r.key for r in self._released})
+        present = self.context.document()
+        past = present.without({r.key for r in self._released})
         for request in self._requested:
-            document = document.put(request)
-        now, then = (glance(self.context, catalog, d).situation.wanted for d in (None, document))
+            past = past.put(request)
+        now, then = (wanted(catalog, (*catalog.requests, *document.requests)) for document in (present, past))
         sorts = ("to start", then.keys() - now.keys()), ("to end", now.keys() - then.keys())
         marked = lambda name: f"{name} (moves hardware)" if catalog.services[name].driver else name  # noqa: E731
         return [
